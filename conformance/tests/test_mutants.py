@@ -64,7 +64,7 @@ CODE = {
         "st.proposal <= me.max_rounds",
         "NEG-7",
     ),
-    "any CAM counts": ("actuating.py", "and st.session in i.marks", "", "ACT-5"),
+    "any CAM counts": ("actuating.py", "and st.session in m.marks", "", "ACT-5"),
     "copies of a Prescription are not acked": (
         "negotiating.py",
         '    Row("NEG-1", lambda me, st, i: i.message.proposal <= st.proposal, acked),',

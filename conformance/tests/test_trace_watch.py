@@ -119,7 +119,7 @@ def test_datagrams_are_judged_by_sender_and_a_lost_one_leaves_no_verdict() -> No
         assert next(reports)["verdict"] == "allowed"
         for line in logs[1][1:10] + logs[1][11:]:
             senders[1].sendto(line, where)
-        verdict = next(reports)
+        verdict = next(r for r in reports if r.get("verdict") != "allowed")
         assert verdict["verdict"] == "cannot_tell" and "missing" in verdict["event"]
         assert process.wait(LIMIT_S) == 4
         for sender in senders:

@@ -118,7 +118,7 @@ CHANGES: dict[str, tuple[Callable[[Runs], object], set[str]]] = {
     "an extended module": (lambda r: append(r.tla / "Station.tla"), set(NAMES)),
     "an instance": (lambda r: append(r.tla / "Coordination.tla"), {"two_by_one"}),
     "its own module": (lambda r: append(r.tla / "Drift.tla"), {"drift"}),
-    "a module of none of them": (lambda r: append(r.tla / "Liar.tla"), set()),
+    "a module of none of them": (lambda r: append(r.tla / "Attacker.tla"), set()),
     "a module in the place of a standard one": (
         lambda r: (r.tla / "Naturals.tla").write_text("---- MODULE Naturals ----\n===="),
         set(NAMES),

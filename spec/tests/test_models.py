@@ -143,14 +143,12 @@ def test_the_models_of_one_station_are_those_that_extend_open_station() -> None:
     assert {m.module for m in models.load()} >= alone - {"OpenStation"}
 
 
-def test_the_models_with_a_liar_are_those_that_extend_it() -> None:
+def test_the_attacked_models_are_those_that_extend_attacker() -> None:
     texts = {path.stem: path.read_text() for path in TLA.glob("*.tla")}
-    assert {name for name in texts if "Liar" in models.extended(name, texts)} == set(
-        models.WITH_LIAR
-    )
-    lied_to = [m for m in models.load() if "Liar" in constants(m.cfg)]
-    assert lied_to == [m for m in models.load() if m.module in models.WITH_LIAR]
-    assert all(m.unsent for m in lied_to)
+    extending = {name for name in texts if "Attacker" in models.extended(name, texts)}
+    assert extending == set(models.ATTACKED)
+    attacked = [m for m in models.load() if "Keys" in constants(m.cfg)]
+    assert attacked == [m for m in models.load() if m.module in models.ATTACKED]
 
 
 @pytest.mark.slow

@@ -206,11 +206,12 @@ TIMED = {
 }
 SHORT_WINDOW = {
     *("bound_less_one", "cam_ahead", "cam_far_ahead", "cam_loss", "cam_loss_too_short"),
-    *("cam_of_another", "cams_without_marks"),
+    "cams_without_marks",
     *("hazard_anything", "hazard_bounds", "hazard_bounds_no_delay", "hazard_bounds_short_lease"),
     *("keeps_the_others", "left_alone", "left_by_abort_less_one", "left_by_fin_less_one"),
-    *("left_waiting_less_one", "lies_timed", "one_word_timed", "plain_cams"),
+    *("left_waiting_less_one", "one_word_timed", "plain_cams"),
     *("quarantine_too_short", "silent_cam_loss", "together", "together_delay", "together_slow"),
+    *(name for name, text in TIMED.items() if "TimedAttackedSpec" in text),
 }
 """What they check does not depend on how long the window for Intentions is open."""
 

@@ -19,7 +19,7 @@ from automcm_traces.export.behaviour_steps import NOTHING, Move, steps_of
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep
 from automcm_traces.export.behaviour_to_log import _times as story_times
 from automcm_traces.export.itf_log import TICK_MS, behaviour, from_log
-from automcm_traces.format.log import TimerArm
+from automcm_traces.format.log import Receive, Send, TimerArm
 from automcm_traces.format.reader import read
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,6 +74,31 @@ def test_s_5_the_logs_of_clocks_that_drift_are_on_each_stations_own_clock(tmp_pa
         if isinstance(event, TimerArm) and event.timer.name == "lease"
     ]
     assert armed == [600, 600]
+
+
+@pytest.mark.parametrize(
+    ("model", "types"),
+    [
+        ("maneuver_replayed", set()),
+        ("thief_acks", {"Intention", "Ack"}),
+        ("thief_cancels", {"Cancel"}),
+        ("any_key_fin", {"Fin"}),
+        ("cam_of_another", {"CAM"}),
+        ("session_not_signed", {"Advertisement", "Intention", "Prescription", "Acceptance"}),
+    ],
+)
+def test_what_an_attacker_forges_is_received_and_in_no_log_sent(
+    model: str, types: set[str], tmp_path: Path
+) -> None:
+    events = []
+    for station, text in behaviour(COUNTEREXAMPLES / f"{model}.itf.json").logs().items():
+        path = tmp_path / f"{station}.ndjson"
+        path.write_bytes(text)
+        events += [event for _, event in read(path).events]
+    sent = {event.tx for event in events if isinstance(event, Send)}
+    received = [event for event in events if isinstance(event, Receive)]
+    forged = [event.message for event in received if event.tx not in sent]
+    assert received and {message["type"] for message in forged if message} == types
 
 
 def test_a_slow_station_counts_its_deadlines_and_its_steps_on_its_own_clock(tmp_path: Path) -> None:

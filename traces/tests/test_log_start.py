@@ -74,7 +74,7 @@ def two_sessions(folder: Path, seed: int) -> list[list[Json]]:
 def test_no_cut_of_the_corpus_diverges(seed: int, tmp_path: Path) -> None:
     chance = random.Random(seed)
     reached = 0
-    for file in GOOD[seed::4]:
+    for file in random.Random(0).sample(GOOD, len(GOOD))[seed::4]:
         lines = records(CORPUS / file)
         if chance.random() < 0.6:
             lines = only(lines, chance.choice(KINDS))

@@ -94,7 +94,7 @@ def counterexamples(folder: Path, notify: Callable[[str], None]) -> dict[str, by
     Raises automcm_spec.model_checking.tlc.TlcError, automcm_traces.export.itf.ItfError.
     """
     files = {}
-    unsent = {m.cfg for m in models.load() if m.unsent}
+    unsent = {m.cfg for m in models.load() if m.module in (*models.ALONE, *models.ATTACKED)}
     for path in sorted(folder.glob("*.itf.json")):
         if path.name.removesuffix(".itf.json") in unsent:
             continue

@@ -31,7 +31,7 @@ def committed(
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for model in loaded:
-        if model.expect == "violates" and not model.unsent:
+        if model.expect == "violates" and model.module not in models.ALONE:
             notify(model.cfg)
             source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
             path = folder / f"{model.cfg}.html"

@@ -14,6 +14,7 @@ from automcm_conformance.suite import two_peer_pairs
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.corpus import corpus, corpus_page
 from automcm_maintenance.documents import (
+    attacker_table,
     citations,
     cli_page,
     import_graph,
@@ -37,6 +38,7 @@ ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
 CLI_PAGE = ROOT / "docs" / "cli.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 MODELS_PAGE = ROOT / "docs" / "models.md"
+SECURITY = ROOT / "docs" / "security.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
@@ -181,6 +183,9 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
         CITATIONS: lambda: citations.table(ROOT),
         CLI_PAGE: cli_page.text,
         MODELS_PAGE: lambda: models_page.models_page(models.load()),
+        SECURITY: lambda: between(
+            SECURITY.read_text(), "attackers", attacker_table.table(models.load())
+        ),
         PICTURE: picture,
         EVALUATION: lambda: report.evaluation(results),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),

@@ -20,7 +20,9 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         operators = [name for name, by in _replaced(model) if (name, by) not in usual]
         return ", ".join(f"`{name}`" for name in (*operators, *_missing(model)))
 
-    return markdown.page(PAGES / "models.md.j2", models=loaded, checks=checks, changed=changed)
+    return markdown.page(
+        PAGES / "models.md.j2", models=loaded, alone=models.ALONE, checks=checks, changed=changed
+    )
 
 
 def _replaced(model: models.Model) -> list[tuple[str, str]]:

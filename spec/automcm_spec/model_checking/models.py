@@ -58,11 +58,17 @@ SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 #: The modules of one station in an arbitrary environment.
 ALONE = ("OpenStation", "ProbeStation", "StationProperties")
 
-#: The modules with a liar: it sends forged messages and takes no step itself.
-WITH_LIAR = ("Liar", "TimedLiar")
+#: The modules with an attacker, who sends forged messages.
+ATTACKED = ("Attacker", "TimedAttacker", "AttackedLiveness")
 
-#: The id of a property by its name in the modules, or by the name of its timed version.
-PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
+#: The id of a property by its name in the modules, or by the name of its timed version or of the
+#: one among the stations whose keys an attacker does not have.
+PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {
+    "SettledHazardInv": "S-5",
+    "LoyalAckedProp": "S-6",
+    "LoyalPromiseProp": "R-1",
+    "LoyalFulfilledProp": "R-2",
+}
 
 #: The profiles; each includes the models of the previous ones.
 PROFILES = ("quick", "full", "deep")
@@ -105,12 +111,6 @@ class Model(BaseModel):
     property: str | None = None
     breaks: str | None = None
     length: int | None = None
-
-    @builtins.property
-    def unsent(self) -> bool:
-        """Whether a station receives messages that nobody has sent, because the environment or a
-        liar makes them up. Then the counterexample has no logs and no page."""
-        return self.module in (*ALONE, *WITH_LIAR)
 
     @model_validator(mode="after")
     def _fields_fit(self) -> "Model":

@@ -12,7 +12,8 @@ that the specification leaves open are made up here:
   which the behaviour lets it expire, or far in the future. Only the lease has a duration on the
   wire: if two stations let it run for different times, the clock of one runs ahead (times of
   different stations are not compared). A timed model provides its own times and deadlines;
-* a CAM is sent whenever its marks change. No station receives it, unless the model says so.
+* a CAM is sent whenever its marks change. No station receives it, unless the model says so;
+* the content and seq of a message that an attacker has forged. No log has sent it.
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ LEASE: Timer = ("lease",)
 Proposal = tuple[Session, int]
 """A session, and the number of the proposal."""
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
+ADVERTISED = {"scenario": "lane_change", "details": {"lane": 2}}
+FORGED = 1000
+"""The seqs of forged messages, and the numbers of their transmissions, are above this one."""
 
 
 class BehaviourError(Exception):
@@ -99,13 +103,16 @@ def logs(
     stations: Sequence[int],
     parameters: Mapping[str, int],
     lease_ms: int | None = None,
+    *,
+    attacked: bool = False,
 ) -> dict[int, bytes]:
     """The log of each station, by its real id.
 
     ``parameters`` goes into each header. ``lease_ms`` is the lease of a timed model. Raises
-    BehaviourError if a message is received that nobody has sent.
+    BehaviourError if a message is received that nobody has sent, unless an attacker has forged it
+    (``attacked``).
     """
-    builder = _LogBuilder(story, stations, lease_ms)
+    builder = _LogBuilder(story, stations, lease_ms, attacked)
     for n, happening in enumerate(story):
         builder.add_step(n, happening)
     return {real_id(s): builder.written(s, run, parameters) for s in stations}
@@ -141,8 +148,14 @@ class _LogBuilder:
     """Converts steps to events."""
 
     def __init__(
-        self, story: Sequence[BehaviourStep], stations: Sequence[int], lease_ms: int | None
+        self,
+        story: Sequence[BehaviourStep],
+        stations: Sequence[int],
+        lease_ms: int | None,
+        attacked: bool,
     ) -> None:
+        self._attacked = attacked
+        self._forgeries = 0
         self._stations = {s: _Station() for s in stations}
         self._seqs: dict[tuple[int, Session], int] = {}
         self._sent: dict[tuple[int, str, int, Session, int], dict[str, Json]] = {}
@@ -187,6 +200,8 @@ class _LogBuilder:
         match h.input:
             case Receive() | Cam() as i:
                 key = plain(i.message) if isinstance(i, Receive) else ("cam", i.src, i.marks)
+                if key not in self._air and self._attacked:
+                    self._air[key] = self._forged(h, i, now)
                 if key not in self._air:
                     raise BehaviourError(f"step {n + 1}: received but never sent: {canonical(key)}")
                 tx, received_message = self._air[key]
@@ -212,6 +227,35 @@ class _LogBuilder:
         self._forget(h)
         return received_message
 
+    def _forged(self, h: BehaviourStep, i: Receive | Cam, now: int) -> tuple[str, dict[str, Json]]:
+        """The transmission and the message of an attacker."""
+        self._forgeries += 1
+        number = FORGED + self._forgeries
+        if isinstance(i, Cam):
+            return f"{real_id(i.src)}:{number}", _cam_message(i.src, now, i.marks)
+        m = i.message
+        message = _head(m) | {"seq": number if m.seq else 0, "type": m.type}
+        trajectory = _trajectory(m.proposal)
+        match m.type:
+            case "Advertisement":
+                message |= ADVERTISED
+            case "Intention":
+                message["planned"] = PLANNED
+            case "Prescription":
+                lease = self._lease.get((m.session, m.proposal), LEASE_MS)
+                message |= {"proposal": m.proposal, "prescribed": trajectory}
+                message |= {"hold_ms": 2000, "lease_ms": lease}
+            case "Acceptance":
+                more = {"selected": trajectory} if m.accepted else {"reason": _reason(m, "unsafe")}
+                message |= {"proposal": m.proposal, "accepted": m.accepted} | more
+            case "Cancel":
+                message["reason"] = _reason(m, "abort")
+            case "Ack":
+                type_, seq = m.of
+                entry = self._sent[h.station, type_, m.src, m.session, seq]
+                message["of"] = {"type": type_, "seq": entry["seq"]}
+        return f"{real_id(m.src)}:{number}", message
+
     def _forget(self, h: BehaviourStep) -> None:
         """A station that forgets sessions also forgets their seqs (ADV-8, END-8)."""
         match h.input:
@@ -227,11 +271,11 @@ class _LogBuilder:
 
     def _command(self, i: Command) -> dict[str, Json]:
         if i.name == "request":
-            return {"name": i.name, "scenario": "lane_change", "details": {"lane": 2}}
+            return {"name": i.name} | ADVERTISED
         command: dict[str, Json] = {"name": i.name, "session": _session(i.session)}
         if i.name in ("prescribe", "accept", "refuse"):
             command["proposal"] = i.proposal
-        trajectory = {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * i.proposal, 0]]}
+        trajectory = _trajectory(i.proposal)
         if i.name == "prescribe":
             lease = self._lease.get((i.session, i.proposal), LEASE_MS)
             command |= {"target": real_id(i.target), "prescribed": trajectory}
@@ -251,12 +295,9 @@ class _LogBuilder:
         if m.seq and key in self._sent and (again or entry in h.before.outbox):
             message = self._sent[key]
         else:
-            message = {"v": 1, "src": real_id(m.src), "dst": real_id(m.dst)}
-            if not m.dst:
-                del message["dst"]
             seq = self._seq(m.src, m.session) if m.seq else 0
-            message |= {"session": _session(m.session), "seq": seq}
-            message |= {"type": m.type} | self._content(h, m, received_message)
+            message = _head(m) | {"seq": seq, "type": m.type}
+            message |= self._content(h, m, received_message)
             self._sent[key] = message
         self._transmit(h.station, now, plain(m), message)
 
@@ -288,10 +329,7 @@ class _LogBuilder:
 
     def _cam(self, station: int, now: int) -> None:
         marks = self._stations[station].marks
-        message = {"v": 1, "type": "CAM", "src": real_id(station), "generation_ms": now}
-        message |= {"x_mm": now * 8, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 8333}
-        message["marks"] = sorted(_session(s) for s in marks)
-        self._transmit(station, now, ("cam", station, marks), message)
+        self._transmit(station, now, ("cam", station, marks), _cam_message(station, now, marks))
 
     def _transmit(
         self, station: int, now: int, key: Message | Marked, message: dict[str, Json]
@@ -405,6 +443,25 @@ def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal
             running = _Lease(n, len(story) - 1)
             found.append(((h.effects.after.session, h.effects.after.proposal), running))
     return found
+
+
+def _head(m: Message) -> dict[str, Json]:
+    to = {"dst": real_id(m.dst)} if m.dst else {}
+    return {"v": 1, "src": real_id(m.src)} | to | {"session": _session(m.session)}
+
+
+def _cam_message(station: int, now: int, marks: frozenset[Session]) -> dict[str, Json]:
+    message = {"v": 1, "type": "CAM", "src": real_id(station), "generation_ms": now}
+    message |= {"x_mm": now * 8, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 8333}
+    return message | {"marks": sorted(_session(s) for s in marks)}
+
+
+def _trajectory(proposal: int) -> dict[str, Json]:
+    return {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * proposal, 0]]}
+
+
+def _reason(m: Message, as_sent: str) -> str:
+    return as_sent if m.reason == "as_sent" else m.reason
 
 
 def _session(session: Session) -> list[int]:

@@ -76,7 +76,10 @@ class Behaviour:
                 names += ["t_advertise", "t_hold"]
             parameters |= {name: ticks[name] * TICK_MS for name in names}
         stations = sorted(self.moves[0].before)
-        return behaviour_to_log.logs(self.model, steps, stations, parameters, lease)
+        attacked = self.module in models.ATTACKED
+        return behaviour_to_log.logs(
+            self.model, steps, stations, parameters, lease, attacked=attacked
+        )
 
 
 def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
@@ -107,7 +110,7 @@ def _behaviour(value: object, models_dir: Path) -> Behaviour:
     if not states:
         raise itf.ItfError("'states' is empty")
     model = listed[found[1]]
-    if model.unsent:
+    if model.module in models.ALONE:
         raise itf.ItfError(
             f"{model.cfg} has no logs: in {model.module} a station receives messages that "
             "nobody has sent"

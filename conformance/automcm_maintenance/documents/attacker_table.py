@@ -1,0 +1,67 @@
+"""The table of attackers and properties in docs/security.md, from the models with an attacker."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from automcm_spec.model_checking import models
+from automcm_spec.support.paths import MODELS
+
+ATTACKERS = ("outsider", "insider", "thief")
+PROPERTIES = (
+    *models.SAFETY,
+    *(f"T-{n}" for n in range(1, 6)),
+    *("R-1", "R-2"),
+)
+_DEFENCES = ("Dies", "WindowOf", "MaySign", "Signed", "OfPeer")
+"""Parts of the envelope and of the station. A model that replaces one is not in the table."""
+
+
+def table(loaded: Sequence[models.Model]) -> str:
+    """A row for each property, a column for each attacker; a cell names its models."""
+    cells: dict[tuple[str, str], list[str]] = {}
+    for model in sorted(loaded, key=lambda m: (m.expect, models.PROFILES.index(m.profile))):
+        if model.module in models.ATTACKED:
+            cfg = (MODELS / f"{model.cfg}.cfg").read_text(encoding="utf-8")
+            for property_ in _shown(model, cfg):
+                cells.setdefault((property_, _attacker(cfg)), []).append(_verdict(model))
+    rows = ["| property | " + " | ".join(ATTACKERS) + " |", "|---|---|---|---|"]
+    for property_ in PROPERTIES:
+        found = [cells.get((property_, attacker), []) for attacker in ATTACKERS]
+        # The first that holds, and the first that fails.
+        firsts = [{text.split()[0]: text for text in reversed(cell)} for cell in found]
+        shown = ["; ".join(sorted(first.values(), reverse=True)) for first in firsts]
+        rows.append(f"| {property_} | " + " | ".join(shown) + " |")
+    return "\n".join(rows)
+
+
+def _verdict(model: models.Model) -> str:
+    return f"{'holds' if model.expect == 'holds' else 'fails'} (`{model.cfg}`)"
+
+
+def _shown(model: models.Model, cfg: str) -> set[str]:
+    """The properties on which the model has a say."""
+    text, checks = models.split(cfg)
+    if any(re.search(rf"\b{name} <-", text) for name in _DEFENCES):
+        return set()
+    found = {models.PROPERTY_IDS[name] for _, name in checks if name != "TightInv"}
+    if "Reduced = TRUE" in text:
+        found.discard("S-6")  # about Acks, which are left out
+    if len(_ids(text, "Prescribers")) < 2:
+        found.discard("S-8")  # about two prescribers
+    if model.property == "R-1":
+        found.add("R-2")  # includes R-1
+    return found
+
+
+def _attacker(cfg: str) -> str:
+    keys = _ids(cfg, "Keys")
+    if not keys:
+        return "outsider"
+    return "thief" if keys <= _ids(cfg, "Honest") else "insider"
+
+
+def _ids(cfg: str, constant: str) -> set[str]:
+    found = re.search(rf"^  {constant} = \{{(.*)\}}$", cfg, re.MULTILINE)
+    return set(re.findall(r"\d+", found[1])) if found else set()
