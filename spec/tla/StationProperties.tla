@@ -5,7 +5,9 @@
 (***************************************************************************)
 EXTENDS OpenStation
 
-VARIABLE last  \* history: the input and what Step said; no guard reads it
+\* History: the input and what Step said; no guard reads it.  turn alternates,
+\* so that no step is one of stuttering, which action properties do not judge.
+VARIABLE last
 
 \* last is no part of the state.
 station == st
@@ -15,7 +17,7 @@ Kinds == {"restart", "expire", "receive", "cam", "command"}
 SInit ==
   /\ st = Initial
   /\ last = [ station |-> Me, input |-> [kind |-> "start"], rule |-> "none",
-              out |-> {}, told |-> Nothing, arm |-> {} ]
+              out |-> {}, told |-> Nothing, arm |-> {}, turn |-> FALSE ]
   /\ TLCSet(ALPHABET, TLCEval([k \in Kinds |-> {i \in Alphabet : i.kind = k}]))
 
 Inputs(kind) == TLCGet(ALPHABET)[kind]
@@ -25,7 +27,8 @@ Take(i) ==
   /\ \E r \in {Step(Me, st, i)} :
        /\ st' = r.st
        /\ last' = [ station |-> Me, input |-> i, rule |-> r.rule,
-                    out |-> r.out, told |-> r.told, arm |-> r.arm ]
+                    out |-> r.out, told |-> r.told, arm |-> r.arm,
+                    turn |-> ~last.turn ]
 
 Restart == \E i \in Inputs("restart") : Take(i)
 Expire  == \E i \in Inputs("expire")  : Take(i)

@@ -23,7 +23,7 @@ APPLICATION = {
 }
 """Rules of an application, not of the station, in one line each."""
 PROPERTIES = tuple(id_ for id_ in models.PROPERTIES if id_ != "TypeInv")
-_OF_ONE = ("S-9", "S-10", "S-11", "S-12", "S-13", "S-14", "S-15", "S-16")
+_OF_ONE = (*(f"S-{n}" for n in range(9, 17)), "N-1", "N-2", "N-3")
 _OF_SEVERAL = tuple(id_ for id_ in PROPERTIES if id_ not in _OF_ONE)
 _ABOVE = ("specification", "must fail", "case", "log tools", "counterexample")
 WITHOUT_VECTORS = tuple(rule for rule in APPLICATION if rule != "APP-6")

@@ -34,6 +34,9 @@ PROPERTIES = {
     "S-14": "AnewProp",
     "S-15": "RememberedProp",
     "S-16": "EndedProp",
+    "N-1": "N1Prop",
+    "N-2": "N2Prop",
+    "N-3": "N3Prop",
     "L-1": "EndsProp",
     "L-2": "CompletesProp",
     "L-3": "SilenceProp",
@@ -56,7 +59,7 @@ PROPERTIES = {
 SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 
 #: The modules of one station in an arbitrary environment.
-ALONE = ("OpenStation", "ProbeStation", "StationProperties")
+ALONE = ("Independence", "OpenStation", "ProbeStation", "StationProperties")
 
 #: The modules with an attacker, who sends forged messages.
 ATTACKED = ("Attacker", "TimedAttacker", "AttackedLiveness")

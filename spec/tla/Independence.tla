@@ -1,0 +1,185 @@
+---------------------------- MODULE Independence ----------------------------
+(***************************************************************************)
+(* What the sessions of one station have to do with each other, for every  *)
+(* input of OpenStation in every state.                                    *)
+(*                                                                         *)
+(*  N-1  An input of one session changes no other session.                 *)
+(*  N-2  What an input does to its session depends on that session alone,  *)
+(*       but for the interface: whether a session may start (Free), and    *)
+(*       whether a station that is not in a session calls itself busy.     *)
+(*  N-3  In an own session, an input from one participant leaves the       *)
+(*       others alone.                                                     *)
+(*                                                                         *)
+(* So a station in many sessions is, for each of them, a station in that   *)
+(* session only, to which Advertisements are lost and requests refused     *)
+(* (docs/verification.md, "Any number of stations").  A restart concerns   *)
+(* every session.                                                          *)
+(***************************************************************************)
+EXTENDS StationProperties
+
+(***************************************************************************)
+(* The part of a station that belongs to session x: what it is bound to,   *)
+(* and what it still sends there.                                          *)
+(***************************************************************************)
+Part(a, x) ==
+  [ IF a.session = x THEN a ELSE Initial
+      EXCEPT !.outbox = {e \in a.outbox : e.session = x},
+             !.number = 0, !.joined = {}, !.quarantine = FALSE,
+             !.backoff = FALSE ]
+
+\* ADV-8, ADV-1: x is over, or it is too late to start it.
+Barred(a, x) ==
+  IF x[1] = Me THEN x[2] <= a.number
+  ELSE \E j \in a.joined : j[1] = x[1] /\ j[2] >= x[2]
+
+\* The station that is in x alone.
+Alone(a, x) ==
+  [ Part(a, x) EXCEPT
+      !.number = IF x[1] # Me THEN 0 ELSE IF Barred(a, x) THEN x[2] ELSE x[2] - 1,
+      !.joined = IF x[1] # Me /\ Barred(a, x) THEN {x} ELSE {} ]
+
+OfSession == {"advertise", "decide", "hold", "answer", "cam", "lease"}
+
+\* The sessions that a timer of station a belongs to.
+OfTimer(a, t) ==
+  CASE t[1] \in OfSession             -> {a.session}
+    [] t[1] \in {"resend", "giveup"}  -> {t[2].session}
+    [] OTHER                          -> {}
+
+\* The sessions that an input belongs to.
+Of(a, i) ==
+  CASE i.kind = "receive" -> {i.message.session}
+    [] i.kind = "cam"     -> i.marks
+    [] i.kind = "expire"  -> OfTimer(a, i.timer)
+    [] i.kind = "command" -> {IF i.name = "request" THEN <<Me, a.number + 1>>
+                                                    ELSE i.session}
+    [] i.kind = "restart" -> Sessions
+
+\* (Those that it stops follow from the parts before and after.)
+ArmedOf(r, x) == {t \in r.arm : x \in OfTimer(r.st, t)}
+
+(***************************************************************************)
+(* N-1                                                                     *)
+(***************************************************************************)
+Untouched(a, r, x) ==
+  /\ Part(r.st, x) = Part(a, x)
+  /\ \A m \in r.out : m.session # x
+  /\ ArmedOf(r, x) = {}
+
+(***************************************************************************)
+(* N-2.  The interface between sessions: each member can be taken away by  *)
+(* a must-fail model.                                                      *)
+(***************************************************************************)
+Unbound(a)      == ~Bound(a)                                   \* ADV-4
+Unquarantined(a) == ~a.quarantine                              \* END-8, ACT-6
+NoBackoff(a)    == ~a.backoff                                  \* END-7
+HasRoom(a)      == Room(a)                                     \* MEM-1
+Remembers(a, p) == RoomToRemember(a, p)                        \* MEM-1
+Busy(a)         == Bound(a)                                    \* NEG-4
+
+\* Whether the input asks to start its session, and the station may.
+Requests(i)   == i.kind = "command" /\ i.name = "request"
+Advertises(i) == i.kind = "receive" /\ i.message.type = "Advertisement"
+
+Free(a, i) ==
+  /\ Unbound(a) /\ Unquarantined(a) /\ HasRoom(a)
+  /\ Requests(i) => NoBackoff(a)
+  /\ Advertises(i) => Remembers(a, i.message.src)
+
+\* Nothing changes, and nothing is sent.
+Idle(a, r) == r.st = a /\ r.out = {} /\ r.arm = {}
+
+Same(r, q, x) ==
+  /\ Part(r.st, x) = Part(q.st, x)
+  /\ Barred(r.st, x) = Barred(q.st, x)
+  /\ r.out = q.out /\ r.told = q.told
+  /\ ArmedOf(r, x) = ArmedOf(q, x)
+
+\* As if it were lost, or with a refusal.
+NotStarted(a, r, i) ==
+  /\ (Requests(i) \/ Advertises(i)) /\ ~Free(a, i)
+  /\ Idle(a, r)
+
+\* NEG-4, NEG-5: one refusal or the other; NEG-7 treats them alike.
+SaysBusy(a, r, q, i, x) ==
+  /\ i.kind = "receive" /\ i.message.type = "Prescription"
+  /\ Busy(a) /\ a.session # x
+  /\ r.st = a /\ r.told = q.told /\ r.arm = {}
+  /\ r.out = {RefusalAnswer(Me, i.message, "busy")}
+  /\ q.out = {RefusalAnswer(Me, i.message, "unknown_session")}
+
+Own(a, r, i, x) ==
+  LET q == Step(Me, Alone(a, x), i) IN
+  Same(r, q, x) \/ NotStarted(a, r, i) \/ SaysBusy(a, r, q, i, x)
+
+(***************************************************************************)
+(* N-3                                                                     *)
+(***************************************************************************)
+\* The participant that an input comes from, or is about.
+From(i) ==
+  CASE i.kind = "receive" -> i.message.src
+    [] i.kind = "cam"     -> i.src
+    [] i.kind = "expire" /\ i.timer[1] \in {"resend", "giveup"} -> i.timer[2].to
+    [] OTHER              -> Nobody
+
+\* What an own session has to do with participant p.
+Participation(a, p) ==
+  << p \in a.recorded, p \in a.withdrawn, p = a.target,
+     {e \in a.outbox : e.to = p /\ e.session = a.session} >>
+
+OthersAlone(a, r, i) ==
+  \A p \in Peers \ {From(i)} :
+    /\ \A m \in r.out : m.dst # p
+    /\ Participation(r.st, p) = Participation(a, p)
+
+(***************************************************************************)
+(* Each lemma, for every input in every state.                             *)
+(***************************************************************************)
+Done == [st |-> st', out |-> last'.out, told |-> last'.told, arm |-> last'.arm]
+
+N1Prop ==
+  [][ LET r == Done IN
+      Idle(st, r) \/ \A x \in Sessions \ Of(st, last'.input) : Untouched(st, r, x)
+    ]_<<st, last>>
+
+N2Prop ==
+  [][ LET r == Done
+          i == last'.input
+      IN i.kind # "restart" => \A x \in Of(st, i) : Own(st, r, i, x) ]_<<st, last>>
+
+N3Prop ==
+  [][ LET r == Done
+          i == last'.input
+      IN /\ st.role = "prescriber" /\ st'.session = st.session
+         /\ From(i) \in Peers /\ st.session \in Of(st, i)
+         => OthersAlone(st, r, i) ]_<<st, last>>
+
+THEOREM SSpec => N1Prop /\ N2Prop /\ N3Prop
+
+(***************************************************************************)
+(* Stations whose sessions are coupled, for must-fail models.              *)
+(***************************************************************************)
+Always(a)       == TRUE
+AlwaysTo(a, p)  == TRUE
+Never(a)        == FALSE
+
+\* An Ack that does not look at the session (END-6).
+AckOfAnySession(e, m) ==
+  /\ e.to = m.src
+  /\ m.of[2] # 0
+  /\ m.of = <<e.type, e.seq>>
+
+\* An outbox with room for one entry to each peer: a new one replaces it.
+PostPerPeer(a, ms) ==
+  [a EXCEPT !.outbox = {e \in @ : \A m \in ms : e.to # m.dst}
+                       \cup {Entry(m) : m \in ms}]
+
+\* An Ack that counts for every participant (END-6).
+AckFromAnybody(e, m) ==
+  /\ e.session = m.session
+  /\ m.of[2] # 0
+  /\ m.of = <<e.type, e.seq>>
+
+\* A message counts for every session of its prescriber.
+AnyOfPrescriber(s, t) == s = t \/ s[1] = t[1]
+==============================================================================
