@@ -14,6 +14,7 @@ from automcm_traces.explain.explain import explain_file
 from automcm_traces.format.reader import read
 from automcm_traces.viewer import page_part
 
+SECURED = sorted((CORPUS / "secured").glob("*.ndjson"))
 OPEN_MS = 2000
 """In which a page with nearly as many events as it may have is to be open."""
 LATE_MS = 100
@@ -76,6 +77,33 @@ def every_kind_of_arrow_is_drawn(browser: Browser, folder: Path) -> None:
         assert found >= {"delivered", "lost", "duplicate", "unobserved", "in-flight"}, found
         shapes = page.eval_on_selector_all("#legend li", "all => all.map(one => one.textContent)")
         assert len(shapes) == 7
+
+
+def rejected_messages_are_shown_by_their_cause(browser: Browser, folder: Path) -> None:
+    letters = {"forged": "F", "replayed": "R", "stale": "S", "untrusted": "U"}
+    with browser.page(browser.write("secured", *SECURED)) as page:
+        page.set_viewport_size({"width": 1280, "height": 6000})
+        assert page.inner_text("#rejected").split("\n") == ["all rows", "none", *letters]
+        shown = page.eval_on_selector_all("#legend li", "all => all.map(one => one.textContent)")
+        assert [x for x in shown if "rejected" in x] == [
+            f"{letter}rejected: {name}" for name, letter in letters.items()
+        ]
+        for name, letter in letters.items():
+            page.select_option("#rejected", name)
+            rows = page.evaluate("now.shown.filter(row => row !== now.row).map(cause)")
+            assert rows and set(rows) == {name}
+            page.evaluate("draw()")
+            drawn = page.eval_on_selector_all(
+                f"#svg .arrow.rejected.{name}", "all => all.map(one => one.textContent)"
+            )
+            assert drawn and {text[-1] for text in drawn} == {letter}
+            page.evaluate("select(now.shown.find(row => cause(row)))")
+            assert "rejected: " in page.inner_text("#step")
+        page.select_option("#rejected", "none")
+        assert page.evaluate("now.shown.length") > 50
+        assert not any(page.evaluate("now.shown.filter(row => row !== now.row).map(cause)"))
+    with browser.page(browser.write("plain", *FOUR)) as page:
+        assert page.is_hidden("#rejected")
 
 
 def a_hazard_is_where_the_page_opens(browser: Browser, folder: Path) -> None:

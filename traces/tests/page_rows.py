@@ -15,9 +15,8 @@ from automcm_traces.viewer.page_follow import StateHistory, States
 from automcm_traces.viewer.page_pack import Shapes
 
 Json = Any
-DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD = range(
-    len(FATES)
-)
+DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD = range(8)
+REJECTED = FATES.index("rejected")
 CORPUS = Path(__file__).parents[1] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import tracemalloc
 from pathlib import Path
@@ -14,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from merged_runs import simulated
 
+from automcm.security import cose
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.lint import CHECKS, exit_code, level, lint, report, text
 from automcm_traces.format.number_sets import Numbers
@@ -117,6 +119,16 @@ CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
         [HEADER, event(1, tx="7:1"), event(2), end(2)],
         [(2, "schema", "tx")],
     ),
+    (
+        "private key",
+        [HEADER, event(1, x_keys=["-----BEGIN PRIVATE KEY-----\nMIGH"]), end(1)],
+        [(2, "private_key", "x_keys[0]")],
+    ),
+    (
+        "private key as JWK, in an unknown field",
+        [HEADER, event(1, key={"kty": "EC", "d": "AA"}), end(1)],
+        [(2, "private_key", "key.d"), (2, "schema", "key")],
+    ),
     ("message", [HEADER, send(1, dst=0), arm(2), end(2)], [(2, "message", "message.dst")]),
     (
         "broadcast or not",
@@ -145,6 +157,45 @@ def test_finds(
     tmp_path: Path, lines: list[Line | bytes], wanted: list[tuple[int, str, str]]
 ) -> None:
     assert found(tmp_path, *lines) == wanted
+
+
+def cose_key(private: bool) -> bytes:
+    d = {-4: bytes(range(32))} if private else {}
+    return cose.encode({1: 2, -1: 1, -2: bytes(32), -3: b"\xff" * 32} | d)
+
+
+PRIVATE = cose.private_pem(cose.new_key())
+
+
+@pytest.mark.parametrize(
+    ("data", "is_key"),
+    [
+        (PRIVATE, True),
+        (base64.b64decode(b"".join(PRIVATE.splitlines()[1:-1])), True),
+        (cose_key(True), True),
+        (cose_key(False), False),
+        (cose.public_pem(cose.new_key().public_key()), False),
+        (bytes(range(256)), False),
+    ],
+)
+def test_private_keys_are_found_in_bytes(tmp_path: Path, data: bytes, is_key: bool) -> None:
+    wanted = [(2, "private_key", "raw")] if is_key else []
+    line = event(1, "receive", raw=base64.b64encode(data).decode())
+    assert found(tmp_path, HEADER, line, end(1)) == wanted
+    url = {"x_key": base64.urlsafe_b64encode(data).decode().rstrip("=")}
+    wanted = [(2, "private_key", "x_key")] if is_key else []
+    assert found(tmp_path, HEADER, event(1, **url), end(1)) == wanted
+
+
+def test_what_the_reference_rejects_has_no_private_key() -> None:
+    for path in (Path(__file__).parents[1] / "corpus" / "secured").iterdir():
+        assert report(path).errors == 0
+
+
+def test_a_private_key_is_not_repeated(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, event(1, x_key=PRIVATE.decode()), end(1))
+    body = PRIVATE.splitlines()[1].decode()
+    assert body not in text(report(path)) and body not in str(report(path).as_dict())
 
 
 def test_every_check_is_shown_here() -> None:

@@ -1,5 +1,5 @@
 """Show, page, Mermaid, SVG, ITF and MCAP agree on the fate of each message: on the whole corpus,
-and on runs with loss, copies, no tx, and logs that stop."""
+and on runs with loss, copies, no tx, signatures, and logs that stop."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from merged_runs import Run, killed, records, rewritten, without_tx
 from page_rows import CORPUS, Json, events, fives
 
 from automcm.links.simulated_radio import Channel
+from automcm_maintenance.corpus.corpus_secured import secured
 from automcm_traces.checker.track import CannotTell
 from automcm_traces.explain.explain import explained
 from automcm_traces.explain.log_table import Logs
@@ -47,6 +48,11 @@ class Seen(NamedTuple):
     source: int
     to: int
     fate: str
+    """With the reason, if it was rejected."""
+
+
+def named(fate: str, reason: str = "") -> str:
+    return f"{fate}: {reason}" if reason else fate
 
 
 class Case:
@@ -66,13 +72,21 @@ class Case:
         self.cams: set[tuple[int, int]] = set()
         self.drawn: Counter[tuple[int, int, str]] = Counter()
         self.no_tx = any(e.tx is None for _, e in receptions(merged))
-        for arrow in Deliveries(merged, Clocks.of(merged)).arrows():
+        deliveries = Deliveries(merged, Clocks.of(merged))
+        sent = [(d.sent, d.to) for d in deliveries.all if d.outcome == "rejected"]
+        self.refused = sorted(
+            (merged.stations[i], merged.logs[i].events[k][0], f"!{to}") for (i, k), to in sent
+        )
+        """The messages that their addressees rejected, at the lines where they leave."""
+        for arrow in deliveries.arrows():
             node = arrow.arrives or arrow.leaves
             assert node is not None
             log = merged.logs[node[0]]
             at, event = log.events[node[1]]
             station = log.header.station
-            self.arrows[Seen(station, at, arrow.source, arrow.to, arrow.fate)] += 1
+            self.arrows[
+                Seen(station, at, arrow.source, arrow.to, named(arrow.fate, arrow.reason))
+            ] += 1
             assert isinstance(event, Send | Receive)
             if event.message is not None and event.message["type"] == "CAM":
                 self.cams.add((station, at))
@@ -83,15 +97,19 @@ class Case:
 
 def in_show(case: Case) -> Counter[Seen]:
     found: Counter[Seen] = Counter()
+    refused = []
     for row in Logs(case.paths).rows():
         if row.line > case.last[row.station]:
             continue  # after a gap, which ends the log elsewhere
         shown = row.as_dict()
         marks = []
         for arrow in shown["arrows"]:
-            found[Seen(row.station, row.line, arrow["from"], arrow["to"], arrow["fate"])] += 1
+            fate = named(arrow["fate"], arrow.get("reason", ""))
+            found[Seen(row.station, row.line, arrow["from"], arrow["to"], fate)] += 1
             marks += [MARKS[arrow["fate"]].format(**arrow)] if arrow["fate"] in MARKS else []
-        assert [note for note in shown["notes"] if not note.startswith("for ")] == marks
+        assert [note for note in shown["notes"] if note[:4] != "for " and note[0] != "!"] == marks
+        refused += [(row.station, row.line, note) for note in shown["notes"] if note[0] == "!"]
+    assert sorted(refused) == case.refused
     return found
 
 
@@ -101,8 +119,9 @@ def on_the_page(case: Case) -> Counter[Seen]:
     columns = [log["station"] for log in data["logs"]] + data["runs"][0]["ghosts"] + [ANYONE]
     found: Counter[Seen] = Counter()
     for row, kind, down, source, to in fives(data["arrows"]):
-        station, line, _ = rows[row + down]
-        found[Seen(station, line, columns[source], columns[to], FATES[kind])] += 1
+        station, line, event = rows[row + down]
+        fate = named(FATES[kind], event.get("rejected", ""))
+        found[Seen(station, line, columns[source], columns[to], fate)] += 1
     return found
 
 
@@ -115,7 +134,8 @@ def in_mcap(case: Case) -> Counter[Seen]:
     for _, channel, message in reader.make_reader(stream).iter_messages():
         if channel.topic == mcap_file.ARROWS:
             a = json.loads(message.data)
-            found[Seen(a["station"], a["line"], a["from"], a["to"], a["fate"])] += 1
+            fate = named(a["fate"], a.get("reason", ""))
+            found[Seen(a["station"], a["line"], a["from"], a["to"], fate)] += 1
     return found
 
 
@@ -129,8 +149,8 @@ def in_itf(case: Case) -> Counter[Seen]:
         text: Json = json.loads(from_log(log, arrows[path]))
         for state in text["states"]:
             for a in state["#meta"].get("messages", ()):
-                place = (log.header.station, a["line"], a["from"], a["to"], a["fate"])
-                found[Seen(*place)] += 1
+                place = (log.header.station, a["line"], a["from"], a["to"])
+                found[Seen(*place, named(a["fate"], a.get("reason", "")))] += 1
     return found
 
 
@@ -147,8 +167,12 @@ def in_mermaid(case: Case, unfold: bool) -> Iterator[tuple[int, int, str]]:
         assert times == 1 or not unfold
         arrow = re.match(r"  S(\d+)(-{1,2}(?:>>|x|\)))\s?S(\d+): .*?(?: \(([a-z ]+)\))?$", line)
         if arrow:
-            fate = said.get(arrow[4] or "", heads[arrow[2]])
+            fate = said.get(arrow[4] or "", heads.get(arrow[2], ""))
+            if arrow[2] == "--x":
+                fate = named(*line.rpartition(": ")[2].split(" "))
             yield from [(int(arrow[1]), int(arrow[3]), fate)] * times
+        elif stopped := re.match(r"  Note over S(\d+): #lt;- rejected \w+ (\w+)$", line):
+            yield from [(ANYONE, int(stopped[1]), named("rejected", stopped[2]))] * times
         elif anyone := re.match(r"  Note over S(\d+): (#lt;- no message|\w+ -#gt;all)", line):
             lost = anyone[2].startswith("#lt;")
             ends = (ANYONE, int(anyone[1])) if lost else (int(anyone[1]), ANYONE)
@@ -328,6 +352,16 @@ def running(lines: list[Json]) -> list[Json]:
     return late(lines)
 
 
+def attacked(folder: Path) -> None:
+    """Signed messages; one of each five rejected ones names no transmission."""
+    secured(folder)
+    for path in folder.iterdir():
+        lines = records(path)
+        for line in [line for line in lines if "rejected" in line][2::5]:
+            line.pop("tx", None)
+        rewritten(path, lines)
+
+
 def overheard(folder: Path) -> None:
     lossy(folder)
     one, three = (records(folder / f"{n}.ndjson") for n in (1, 3))
@@ -340,6 +374,7 @@ def overheard(folder: Path) -> None:
 MADE = {
     "plain": plain,
     "overheard": overheard,
+    "attacked": attacked,
     "copies": copies,
     "no tx": no_tx,
     "stopped": stopped,
@@ -359,12 +394,23 @@ def test_all_views_agree_on_runs_with_faults(tmp_path: Path, name: str) -> None:
     paths = sorted((tmp_path / "logs").glob("*.ndjson"))
     case = Case(paths)
     compare(case)
+    assert bool(case.refused) == (name == "attacked")
     fates = {arrow.fate for arrow in case.arrows}
     assert (
         fates
         >= {
             "plain": {"delivered", "lost"},
             "overheard": {"overheard"},
+            "attacked": {
+                f"rejected: {reason}"
+                for reason in (
+                    "bad_signature",
+                    "replayed",
+                    "stale",
+                    "unknown_authority",
+                    "wrong_source",
+                )
+            },
             "copies": {"duplicated", "lost"},
             "no tx": {"duplicated", "lost"},
             "stopped": {"in_flight", "sender_unobserved"},

@@ -183,8 +183,9 @@ def show(
 
     Each event is a row and each station a column. A received message stands below its sending.
     CAMs are hidden by default. With several logs, a mark before a message shows its delivery:
-    x2002: lost on the way to 2002; ?2002: not yet received when the log of 2002 ends; 2nd: a second
-    copy; forged: its sender's log shows that it was not sent.
+    x2002: lost on the way to 2002; ?2002: not yet received when the log of 2002 ends; !2002:
+    rejected by the secured link of 2002; 2nd: a second copy; forged: its sender's log shows that it
+    was not sent.
     """
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.explain import log_table as show_

@@ -5,7 +5,7 @@
 * ``behaviours``: every transition of the stations of the closed models (``corpus_walks``);
 * ``counterexamples``: the counterexamples of the must-fail models, as logs of their stations;
 * ``bad``: good logs with one defect (``corpus_bad``);
-* ``four-vehicles`` and ``pair``: runs of the reference.
+* ``four-vehicles``, ``pair`` and ``secured``: runs of the reference.
 
 The first two need TLC.  The rest, the index and its page are made from the files on disk.
 """
@@ -154,6 +154,8 @@ _RUNS = {
     "four-vehicles": "The four vehicles of the paper, one copy in five lost: the third is the "
     "target, the others are released.",
     "pair": "A prescriber and a receiver that refuses once, a quarter of the copies lost.",
+    "secured": "A prescriber and a receiver on secured links; an attacker forges, replays and "
+    "changes messages.",
 }
 
 

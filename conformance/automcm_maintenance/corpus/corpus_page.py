@@ -98,7 +98,7 @@ def page(corpus: Path, index: bytes) -> str:
         with_ = f" (judged with `{e.beside}`)" if e.beside else ""
         out.append(f"| `{_short(e)}` | {e.story}{with_} | {_verdict_cells(e)} |\n")
     out.append(RUNS)
-    for kind in ("four-vehicles", "pair"):
+    for kind in ("four-vehicles", "pair", "secured"):
         for e in by_kind.get(kind, []):
             out.append(f"| `{e.file}` | {e.story} |\n")
     return "".join(out)

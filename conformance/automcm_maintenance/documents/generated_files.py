@@ -115,8 +115,10 @@ def picture() -> str:
 
 def _corpus() -> dict[Path, bytes]:
     """The part of the corpus that is generated in seconds, from logs on disk that need TLC."""
+    from automcm_maintenance.corpus.corpus_secured import secured
+
     runs = {}
-    for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
+    for name, run in (("four-vehicles", four_vehicles), ("pair", pair), ("secured", secured)):
         with scratch.folder("logs") as folder:
             run(folder)
             for path in sorted(folder.iterdir()):
@@ -139,7 +141,7 @@ def _superfluous(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
 
 
 _FROM_TLC = ("behaviours", "counterexamples")
-_AT_ONCE = ("bad", "four-vehicles", "pair")
+_AT_ONCE = ("bad", "four-vehicles", "pair", "secured")
 
 
 def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:

@@ -82,7 +82,7 @@ specification = cache(Specification)
 
 
 class Malformed(NamedTuple):
-    """A malformed message, no input of the specification: it causes only ``discarded`` (END-5)."""
+    """A malformed or rejected message, no input: it causes only ``discarded`` (END-5)."""
 
     line: int
     must_report: bool
@@ -269,13 +269,14 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=None):
-                self.malformed = Malformed(at, False, "raw bytes")
+            case Receive(message=None, rejected=reason):
+                why = f"rejected ({reason})" if reason else "malformed (raw bytes)"
+                self.malformed = Malformed(at, False, why)
             case Receive(message=dict(fields)):
                 m = typed(fields)
                 if isinstance(m, list):  # END-5: the only effect is "discarded"
                     mine = fields.get("dst", self.track.me) == self.track.me
-                    self.malformed = Malformed(at, mine, ": ".join(m[0]))
+                    self.malformed = Malformed(at, mine, f"malformed ({': '.join(m[0])})")
                 elif isinstance(m, Cam):
                     self._cam_received(at, event, m)
                 else:
@@ -362,10 +363,10 @@ class Engine:
         return step
 
     def _malformed_note(self) -> str:
-        """A note that the last message is malformed and has no effect; empty if it is not."""
+        """A note that the last message has no effect, and why; empty if it has."""
         if self.malformed is None:
             return ""
-        return f"; the message of line {self.malformed.line} is malformed ({self.malformed.why})"
+        return f"; the message of line {self.malformed.line} is {self.malformed.why}"
 
     def _last_rule(self) -> tuple[str, str]:
         """The rule that decided the last input, and its guard text; both empty if there is none."""

@@ -6,7 +6,7 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -31,6 +31,7 @@ from automcm_traces.checker.track import Step, Track
 from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import Row
+from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.format.event_text import starts
 from automcm_traces.format.log import Event, Header
 from automcm_traces.format.reader import Log, LogStream
@@ -146,7 +147,10 @@ class Verdict:
     judged_from: int = 0
     """The line of the first event that was judged, if the log begins in mid-session; else 0."""
     hint: str = ""
-    """Why the log, and not the station, may be to blame; empty if nothing hints at it."""
+    """Why the log, and not the station, may be to blame, or why nobody answered; empty if nothing
+    hints at it."""
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    """How many datagrams the station's secured link discarded, by reason."""
 
     @property
     def verdict(self) -> Answer:
@@ -169,6 +173,7 @@ class Verdict:
             "state": found.why.state,
             "judged_from": self.judged_from,
             "hint": self.hint,
+            "rejected": dict(self.rejected),
             "possible_states": self.possible_states,
             "only_if": [supposition.as_dict() for supposition in self.only_if],
             "events": self.events,
@@ -196,11 +201,12 @@ class Noted:
         """``most`` is the maximum number of sessions kept."""
         self._log = log
         self._sessions, self._hints = Sessions(most), Hints(log.header)
+        self._rejections = Rejections()
 
     @property
     def watchers(self) -> list[Watcher]:
         """The watchers that the check must have."""
-        return [self._sessions, self._hints]
+        return [self._sessions, self._hints, self._rejections]
 
     @property
     def first_ms(self) -> int | None:
@@ -224,7 +230,8 @@ class Noted:
             header=log.header,
             first_ms=_first_ms(ending, sessions),
             judged_from=ending.judged_from,
-            hint=self._hints.hint(ending),
+            hint="; ".join(filter(None, (self._hints.hint(ending), self._rejections.hint()))),
+            rejected=ordered(self._rejections.reasons),
         )
         if engine is None or not ending.decided:
             return verdict
@@ -336,6 +343,7 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
             header=v.header,
             first_ms=v.first_ms,
             hint=v.hint,
+            rejected=v.rejected,
         )
         if (other := foreign.get(v.file)) is not None
         and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
@@ -380,10 +388,19 @@ def text(verdict: Verdict, start_ms: Mapping[str, int] | None = None) -> str:
     hint = [f"  hint: {verdict.hint}"] if verdict.hint else []
     lines = [
         *_lines(verdict, start),
+        *_rejected(verdict),
         *hint,
         *(f"  warning: {warning}" for warning in verdict.warnings),
     ]
     return "\n".join(map(printable, lines))
+
+
+def _rejected(verdict: Verdict) -> Iterator[str]:
+    number = sum(verdict.rejected.values())
+    if number and verdict.header is not None:
+        messages = f"{number} message{'' if number == 1 else 's'}"
+        station = verdict.header.station
+        yield f"  station {station} rejected {messages}: {counted(verdict.rejected)}"
 
 
 def _lines(verdict: Verdict, start_ms: int | None) -> Iterator[str]:

@@ -27,6 +27,7 @@ from automcm_traces.checker.track import PHASES, ROLES
 from automcm_traces.format.line_problems import KINDS, line_problems, plain
 from automcm_traces.format.log import problems, transmission
 from automcm_traces.format.number_sets import Numbers
+from automcm_traces.format.private_keys import private_keys
 from automcm_traces.format.problems import join
 from automcm_traces.format.reader import LONGEST_LINE, NotJsonError, cut, parse
 
@@ -38,6 +39,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "json": ("error", "a line is one JSON object"),
     "schema": ("error", "a record has the fields of its kind, of the right type, and no others"),
     "key": ("error", "no object has a duplicate key"),
+    "private_key": ("error", "no field has a private key"),
     "message": ("warning", "a message is well formed (END-5)"),
     "order": ("error", "one header, then events, then one end, then nothing"),
     "seq": ("error", "seq counts from 1 without gaps or repetitions"),
@@ -295,6 +297,9 @@ class _Lint:
 
     def _record(self, value: dict[str, Json], line: bytes, refused: bool) -> Iterator[Finding]:
         """One line. ``refused``: it breaks the format. Its right fields count all the same."""
+        for field in private_keys(value, line):
+            problem = "contains a private key: remove it here, and replace the key everywhere"
+            yield self._found("private_key", field, problem)
         found: list[tuple[str, str]] = []
         if refused:
             found, value = line_problems(value, self._station)

@@ -42,8 +42,8 @@ class Row:
     """The note, if there is no event."""
     notes: tuple[str, ...] = ()
     """The fate of a message according to all logs: ``x2002`` lost on the way to 2002, ``?2002`` not
-    yet received there, ``2nd`` a second copy of a transmission, ``forged`` never sent, ``for
-    2002`` overheard."""
+    yet received there, ``!2002`` rejected there, ``2nd`` a second copy of a transmission,
+    ``forged`` never sent, ``for 2002`` overheard."""
     arrows: tuple[Arrow, ...] = ()
     """The messages that arrive here, or that leave here and arrive nowhere."""
     problem: bool = False
@@ -153,6 +153,7 @@ def _noted(row: Row, fates: StreamedFates) -> Row:
     arrows = fates.arrows(row.station, row.event)
     if isinstance(row.event, Send):
         notes = [f"{_MARKS[a.fate]}{a.to}" for a in arrows if a.fate in _MARKS]
+        notes += [f"!{to}" for to in fates.rejected_by(row.station, row.event)]
         return replace(row, notes=tuple(notes), arrows=arrows)
     marks = {"forged": "forged", "duplicated": "2nd"}
     notes = [marks[a.fate] for a in arrows if a.fate in marks]

@@ -29,11 +29,11 @@ ARROW = {
     "type": "object",
     "properties": {
         **{name: {"type": "integer"} for name in ("from", "to", "station", "line")},
-        **{name: {"type": "string"} for name in ("fate", "file", "event")},
+        **{name: {"type": "string"} for name in ("fate", "reason", "file", "event")},
     },
 }
 """``station`` and ``line`` are those of the event where the message arrives, or, if it never does,
-where it leaves; ``event`` is its summary."""
+where it leaves; ``event`` is its summary. Only a rejected message has a ``reason``."""
 LATEST_MS = 2**63 // 10**6
 """The latest time: MCAP counts nanoseconds in 64 bits."""
 _INTEGERS = ("seq", "t_ms", "deadline", "station", "lost_records")
@@ -44,7 +44,7 @@ LINE = {
     "type": "object",
     "properties": {
         **{name: {"type": "integer"} for name in _INTEGERS},
-        **{name: {"type": "string"} for name in _TEXTS},
+        **{name: {"type": "string"} for name in (*_TEXTS, "rejected")},
         **{name: {"type": "object"} for name in _OBJECTS},
         "complete": {"type": "array", "items": {"type": "string"}},
     },

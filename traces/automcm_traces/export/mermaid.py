@@ -29,6 +29,7 @@ HEADS: dict[Fate, str] = {
     "sender_unobserved": "-->>",
     "forged": "-->>",
     "overheard": "-->>",
+    "rejected": "--x ",
 }
 SAID = ("duplicated", "in_flight", "forged", "overheard")
 """The fates that the text names, because the head does not show them."""
@@ -40,7 +41,8 @@ def diagram(
     """The lines of a diagram: messages as arrows, commands and phases as notes.
 
     ``rows`` are those of ``log_table.Logs``. A received message is an arrow at its reception. A
-    lost one ends in a cross; a dotted one is not in the log of one of its stations. CAMs and timers
+    lost one ends in a cross, a rejected one is also dotted; another dotted one is not in the log of
+    one of its stations. CAMs and timers
     are left out. Copies are one arrow, unless ``unfold``. After ``most`` arrows, a note states the
     number of the remaining messages.
     """

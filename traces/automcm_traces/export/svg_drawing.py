@@ -25,6 +25,7 @@ COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160
 SHORT = 30
 """The distance in pixels from the addressee at which the arrow of an unreceived message ends."""
 COLOURS = {"delivered": "#1a6e4a", "duplicated": "#1a6e4a", "lost": "#b3261e", "forged": "#b3261e"}
+COLOURS["rejected"] = COLOURS["lost"]
 OTHER = "#6b7280"
 DASHED = ("unobserved", "in_flight", "sender_unobserved", "forged")
 STYLE = (
@@ -103,7 +104,7 @@ def _folded(
         arrow = item[1]
         if unfold or arrow is None:
             return None
-        return key_of(arrow.source, _event(merged, arrow), (arrow.to, arrow.fate))
+        return key_of(arrow.source, _event(merged, arrow), (arrow.to, arrow.word))
 
     return [
         Fold(fold.first[1], fold.last[1], fold.times)
@@ -122,10 +123,10 @@ def _ordered(merged: Merged, starts: list[int]) -> list[Node]:
 
 
 def _drawn(merged: Merged, arrow: Arrow) -> bool:
-    """Whether an arrow is drawn: it is no CAM."""
+    """Whether an arrow is drawn: it is no CAM, or a rejected message, which may be any."""
     event = _event(merged, arrow)
     message = event.message if isinstance(event, Send | Receive) else None
-    return message is None or message["type"] != "CAM"
+    return arrow.fate == "rejected" or message is None or message["type"] != "CAM"
 
 
 def _start(arrow: Arrow) -> Node:
@@ -181,6 +182,8 @@ def _arrow(merged: Merged, fold: Fold[Arrow], places: _Places) -> str:
             drawn += f'<path d="M{end - 4} {at[0] - 4}l8 8m0 -8l-8 8" stroke="{colour}"/>'
     else:
         head = f"L{far} {at[-1]}m{-6 * way} -4l{6 * way} 4l{-6 * way} 3"
+        if arrow.fate == "rejected":  # a bar in place of a head
+            head = f"L{far} {at[-1]}m{-6 * way} -6v12"
         drawn = f'<path d="M{x} {at[0]}{head}" stroke="{colour}" fill="none"{dash}/>'
     if fold.mark:
         anchor = "end" if way > 0 else "start"

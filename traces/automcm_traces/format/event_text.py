@@ -90,10 +90,11 @@ def words(event: Event) -> list[Word]:
         case Send(message=m):
             to = "all" if m.get("dst") is None else _plain(m["dst"])
             return [Word(str(m["type"])), _id(f"->{to}"), *_content(m)]
+        case Receive(rejected=str(reason)):
+            return [Word("<- rejected"), _id(_sender(event)), Word(reason)]
         case Receive(message=None, raw=raw):
             size = len(base64.b64decode(raw or ""))
-            sender = event.tx.split(":")[0] if event.tx else "somebody"
-            return [*_kept(f"<- no message, {size} bytes"), _id(sender)]
+            return [*_kept(f"<- no message, {size} bytes"), _id(_sender(event))]
         case Receive(message=m) if m is not None:
             src = _plain(m.get("src", "?"))
             return [Word(f"<- {m['type']}"), _id(src), *_content(m)]
@@ -108,6 +109,11 @@ def words(event: Event) -> list[Word]:
         case Restart():
             return [Word("RESTART")]
     return []
+
+
+def _sender(event: Receive) -> str:
+    """The sender according to ``tx``."""
+    return event.tx.split(":")[0] if event.tx else "somebody"
 
 
 def _kept(text: str) -> list[Word]:

@@ -1,4 +1,6 @@
-"""Folds the copies of a repeated message: 20 rows of one Advertisement become one, marked x20."""
+"""Folds the copies of a repeated message: 20 rows of one Advertisement become one, marked x20.
+Datagrams that are rejected for the same reason fold alike.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
+from automcm_traces.format.event_text import summary
 from automcm_traces.format.log import Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.system.log_merge import content
 
@@ -65,6 +68,8 @@ def key_of(station: int, event: Event, fate: Hashable = None) -> Key | None:
     """
     if isinstance(event, TimerArm | TimerEnd):
         return Key(None, (station, event.op, repr(event.timer)))
+    if isinstance(event, Receive) and event.rejected is not None:
+        return Key(summary(event), (station, event.ev, fate))
     if not isinstance(event, Send | Receive) or event.message is None:
         return None
     m = event.message

@@ -22,7 +22,14 @@ from automcm_traces.system.fates import (
 )
 from automcm_traces.system.log_merge import Merged, Node, receptions, sends
 
-OUTCOMES: tuple[Fate, ...] = ("delivered", "duplicated", "lost", "in_flight", "unobserved")
+OUTCOMES: tuple[Fate, ...] = (
+    "delivered",
+    "duplicated",
+    "rejected",
+    "lost",
+    "in_flight",
+    "unobserved",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +71,7 @@ class Deliveries:
         self.unsent: dict[Node, str] = {}
         """Received messages without a logged transmission, and the possible reason."""
         arrived: dict[tuple[Node, int], list[Node]] = defaultdict(list)
+        rejected = {(sent, node[0]) for node, sent in merged.rejected.items()}
         seen: set[tuple[int, str]] = set()
         for node, e in receptions(merged):
             match = merged.matches.get(node)
@@ -78,7 +86,9 @@ class Deliveries:
                 place = merged.place(to)
                 got = () if place is None else tuple(arrived.get((node, place), ()))
                 outcome: Fate = "duplicated" if len(got) > 1 else "delivered"
-                if not got:
+                if not got and (node, place) in rejected:
+                    outcome = "rejected"
+                elif not got:
                     outcome = self._fates.not_received(me, sent.t_ms, to)
                 self.all.append(Delivery(node, to, outcome, got))
 
@@ -89,13 +99,18 @@ class Deliveries:
         """
         merged = self._merged
         for d in self.all:
-            if not d.received:
+            if not d.received and d.outcome != "rejected":
                 yield Arrow(merged.stations[d.sent[0]], d.to, d.outcome, d.sent)
         for i, log in enumerate(merged.logs):
             me = log.header.station
             for k, (_, e) in enumerate(log.events):
                 node = (i, k)
                 if not isinstance(e, Receive):
+                    continue
+                if e.rejected is not None:
+                    source = self._fates.rejected_from(me, e.tx, e.tx in self._sent)
+                    sent_at = merged.rejected.get(node)
+                    yield Arrow(source, me, "rejected", sent_at, node, e.rejected)
                     continue
                 match = merged.matches.get(node)
                 if match is None:

@@ -1,5 +1,5 @@
 """Decides the fate of each message: delivered, duplicated, lost, overheard, unobserved, in flight,
-or forged.
+forged, or rejected.
 
 The decision needs facts, not logs: ``delivery`` takes them from logs in memory, ``streamed_fates``
 from logs of any length. A copy that no log shows as received counts as lost only if the addressee's
@@ -29,9 +29,10 @@ Fate = Literal[
     "sender_unobserved",
     "forged",
     "overheard",
+    "rejected",
 ]
 """``unobserved``: the log of the addressee is missing or incomplete; ``sender_unobserved``: that of
-the sender. ``duplicated``: received before."""
+the sender. ``duplicated``: received before. ``rejected``: a secured link discarded it."""
 FATES: tuple[Fate, ...] = get_args(Fate)
 WORDS = {"duplicated": "duplicate", "in_flight": "in flight"} | {
     "sender_unobserved": "sender unobserved"
@@ -53,15 +54,18 @@ class Arrow(NamedTuple):
     fate: Fate
     leaves: Node | None = None
     arrives: Node | None = None
+    reason: str = ""
+    """Why it was rejected, as logged."""
 
     @property
     def word(self) -> str:
-        """The fate as text."""
-        return WORDS.get(self.fate, self.fate)
+        """The fate as text, with the reason."""
+        return f"{self.fate}: {self.reason}" if self.reason else WORDS.get(self.fate, self.fate)
 
     def as_dict(self) -> dict[str, int | str]:
         """The ``--json`` form."""
-        return {"from": self.source, "to": self.to, "fate": self.fate}
+        found: dict[str, int | str] = {"from": self.source, "to": self.to, "fate": self.fate}
+        return found | {"reason": self.reason} if self.reason else found
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +167,16 @@ class Fates:
                 return "forged", forged
             why = f"{log.file} may lack sent messages"
         return "duplicated" if again else "sender_unobserved", why
+
+    def rejected_from(self, receiver: int, tx: str | None, logged: bool) -> int:
+        """The sender of a rejected datagram according to its ``tx``, which is not signed. ANYONE
+        if it names none, or one that certainly did not send it. ``logged`` is whether a log
+        contains that transmission."""
+        sender = ANYONE if tx is None else transmission(tx)[0]
+        log = self._logs.get(sender)
+        if log is not None and (sender == receiver or (not logged and log.not_sent(tx, False))):
+            return ANYONE
+        return sender
 
 
 def addressees(sender: int, message: Fields, stations: Sequence[int]) -> list[int]:

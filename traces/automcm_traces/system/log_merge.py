@@ -51,6 +51,9 @@ class Merged:
     """The transmission of each reception."""
     again: dict[Node, Node] = field(default_factory=dict)
     """The transmission of each repeated reception at the same station."""
+    rejected: dict[Node, Node] = field(default_factory=dict)
+    """The transmission that a rejected datagram names. Its ``tx`` is not signed, so it is no match:
+    it orders nothing and says nothing about clocks."""
     order: list[Node] = field(default_factory=list)
     """All events in an order that respects all dependencies; the lowest station goes first."""
     cycles: list[str] = field(default_factory=list)
@@ -146,11 +149,15 @@ def _match(merged: Merged) -> None:
         used: Counter[tuple[int, str]] = Counter()
         seen: set[Node] = set()
         for k, (_, e) in enumerate(log.events):
-            if not isinstance(e, Receive) or e.message is None:
+            if not isinstance(e, Receive):
+                continue
+            sent = None if e.tx is None else by_tx.get(e.tx)
+            if e.rejected is not None and sent is not None and sent[0] != i:
+                merged.rejected[i, k] = sent
+            if e.message is None:
                 continue
             found = None
             if e.tx is not None:
-                sent = by_tx.get(e.tx)
                 if sent is not None and same(_message(merged, sent), e.message):
                     found = Match(sent, sent, True)
             elif isinstance(src := e.message.get("src"), int):

@@ -43,6 +43,8 @@ class Ledger:
         self.received = _Columns()
         self.senders = array("Q")
         """Of each received message."""
+        self.rejected = array("Q")
+        """Of each rejected datagram, the sender and the number in its tx."""
         self.header: Header
         first = last = None
         ended: int | None = None
@@ -71,11 +73,17 @@ class Ledger:
         """Of each received message: UNMATCHED, MATCHED, or AGAIN for another copy."""
         self.arrived: dict[int, Numbers] = defaultdict(Numbers)
         """By sender, the indices of its sent messages that this log shows as received."""
+        self.refused: dict[int, Numbers] = defaultdict(Numbers)
+        """By sender, the indices of those that this log shows as rejected."""
 
     def _add(self, event: Event) -> None:
         if isinstance(event, Send):
             self.sent.add(transmission(event.tx)[1], event.t_ms, event.message)
-        elif isinstance(event, Receive) and event.message is not None:
+        elif not isinstance(event, Receive):
+            return
+        elif event.rejected is not None and event.tx is not None:
+            self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))
+        elif event.message is not None:
             sender = sender_of(event.message, event.tx)
             self.senders.append(sender if sender is not None and 0 < sender < NO_TX else ANYONE)
             self.received.add(
@@ -168,11 +176,25 @@ class StreamedFates:
         self._sent[me].add(transmission(event.tx)[1])
         for to in addressees(me, event.message, self._stations):
             ledger = self._ledgers.get(to)
-            if ledger is None or k not in ledger.arrived[me]:
+            if ledger is None or (k not in ledger.arrived[me] and k not in ledger.refused[me]):
                 yield Arrow(me, to, self._fates.not_received(me, event.t_ms, to))
+
+    def rejected_by(self, me: int, event: Send) -> list[int]:
+        """The addressees that rejected a message and received no copy of it."""
+        own = self._ledgers.get(me)
+        k = None if own is None else own.sent.find(transmission(event.tx)[1])
+        if k is None:
+            return []
+        others = [to for to in addressees(me, event.message, self._stations) if to in self._ledgers]
+        logs = [(to, self._ledgers[to]) for to in others]
+        return [to for to, log in logs if k in log.refused[me] and k not in log.arrived[me]]
 
     def _received_arrow(self, me: int, event: Receive) -> Arrow | None:
         m, tx = event.message, event.tx
+        if event.rejected is not None:
+            logged = tx is not None and self._is_logged(*transmission(tx))
+            source = self._fates.rejected_from(me, tx, logged)
+            return Arrow(source, me, "rejected", reason=event.rejected)
         if m is None:
             return Arrow(ANYONE, me, "sender_unobserved")
         sender = sender_of(m, tx)
@@ -225,4 +247,10 @@ class StreamedFates:
             ledger.results[n] = MATCHED if new else AGAIN
             i = self._stations.index(sender)
             travels.add(i, j, got.times[n] - sent.times[first], sure)
-        ledger.received, ledger.senders = _Columns(), array("Q")
+        named = ledger.rejected
+        for sender, number in zip(named[::2], named[1::2], strict=True):
+            if sender != station and sender in self._ledgers:
+                k = self._ledgers[sender].sent.find(number)
+                if k is not None:
+                    ledger.refused[sender].add(k)
+        ledger.received, ledger.senders, ledger.rejected = _Columns(), array("Q"), array("Q")

@@ -3,8 +3,8 @@
 
 const DATA = JSON.parse(document.getElementById("data").textContent);
 const ARROWS = ["delivered", "lost", "duplicate", "unobserved", "in flight",
-  "sender unobserved", "forged", "overheard"];
-const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD] = ARROWS.keys();
+  "sender unobserved", "forged", "overheard", "rejected"];
+const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD, REJECTED] = ARROWS.keys();
 const ENDS = ["stopped", "expired", "armed anew", "still running", "ended by a restart"];
 const KIND = {
   s: "send", r: "receive", t: "timer", c: "command", i: "indication", x: "restart",
@@ -220,11 +220,20 @@ for (const { logs: [a, b] } of COMPARED?.stations ?? []) {
   MATE[b] = a;
 }
 
+/** What the reason means for which the message of a row was rejected; empty if it was not. */
+const cause = (row) => DATA.rejected[body(row).rejected] ?? "";
+
+/** The causes in these logs. */
+const CAUSES = [...new Set(Object.values(DATA.rejected))].sort();
+
+/** What became of a message, in words. */
+const became = ({ kind, last }) => (kind === REJECTED ? `rejected: ${body(last).rejected}` : ARROWS[kind]);
+
 /** What became of the message of a row, in words. */
 function fate(row) {
   const words = [];
   const found = arrowsFrom(row);
-  for (const arrow of found.slice(0, 8)) words.push(`${ARROWS[arrow.kind]} → ${COLUMNS[arrow.to].name}`);
+  for (const arrow of found.slice(0, 8)) words.push(`${became(arrow)} → ${COLUMNS[arrow.to].name}`);
   if (found.length > 8) words.push(`and ${found.length - 8} more`);
   return words.join(", ");
 }

@@ -132,7 +132,7 @@ function drawArrow(layer, arrow, y, signs) {
   const group = make("g", { class: `arrow ${ARROWS[kind].replace(" ", "-")}` });
   const faded = past(arrow.first) || past(arrow.last);
   if (faded) group.classList.add("past");
-  group.append(make("title", {}, `${ARROWS[kind]}: ${text(arrow.first)}`));
+  group.append(make("title", {}, `${became(arrow)}: ${text(arrow.first)}`));
   const y1 = y(arrow.first), side = Math.sign(to - from) || 1;
   const x1 = from + side * 5;
   const signed = (x, word) => {
@@ -145,6 +145,11 @@ function drawArrow(layer, arrow, y, signs) {
   } else if (kind === SENDER_UNOBSERVED || kind === FORGED) {
     line(group, from + side * 8, y1, to - side * 5, y1, true);
     signed(from, kind === FORGED ? "!" : "?");
+  } else if (kind === REJECTED) {
+    const y2 = y(arrow.last);
+    group.classList.add(cause(arrow.last));
+    stopped(group, x1, y1, to - side * 9, y2);
+    if (y2 >= HEAD + 8) sign(group, to - side * 17, y2 - 8, initial(cause(arrow.last)));
   } else if (kind === UNOBSERVED) {
     line(group, x1, y1, to - side * 9, y1, false);
     signed(to, "?");
@@ -163,6 +168,15 @@ function line(group, x1, y1, x2, y2, pointed) {
   const turn = (Math.atan2(y2 - y1, x2 - x1) * 180) / Math.PI;
   group.append(make("path", { class: "head", d: "M0 0L-9 -4.5L-9 4.5Z",
     transform: `translate(${x2} ${y2}) rotate(${turn})` }));
+}
+
+/** The letter of a cause. */
+const initial = (name) => name[0].toUpperCase();
+
+/** A line that ends in a bar. */
+function stopped(group, x1, y1, x2, y2) {
+  line(group, x1, y1, x2, y2, false);
+  group.append(make("path", { class: "cross", d: `M${x2} ${y2 - 6}v12` }));
 }
 
 function fading(group, x1, y1, x2, y2) {
@@ -186,7 +200,7 @@ const MARKS = {
   command: "M0 -5L5 0L0 5L-5 0Z", indication: "M-5 -4h10l-5 9Z", restart: "M-5 -5h10v10h-10Z",
 };
 
-const styleOf = (row) => `${kind(row)}${past(row) ? " past" : ""}`;
+const styleOf = (row) => `${kind(row)}${cause(row) && " rejected"}${past(row) ? " past" : ""}`;
 
 /** Of each row a mark on its lifeline. */
 function drawMarks(layer, a, b, y, seen) {

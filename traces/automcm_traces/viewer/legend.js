@@ -17,7 +17,17 @@ function legend() {
     if (arrow === UNOBSERVED) sign(group, 39, 8, "?");
     sample.append(group);
     return el("li", {}, sample, words);
-  }), timerSample());
+  }), ...CAUSES.map(rejectedSample), timerSample());
+}
+
+function rejectedSample(name) {
+  const sample = make("svg", { width: 46, height: 16, "aria-hidden": "true" });
+  const group = make("g", { class: `arrow rejected ${name}` });
+  stopped(group, 3, 10, 42, 10);
+  sign(group, 34, 2, initial(name));
+  sample.append(group);
+  const reasons = Object.keys(DATA.rejected).filter((reason) => DATA.rejected[reason] === name);
+  return el("li", { title: reasons.join(", ") }, sample, `rejected: ${name}`);
 }
 
 function timerSample() {

@@ -1,7 +1,7 @@
 /* Filters, steps, links; and how the page begins. */
 
 const filters = {};
-for (const id of ["text", "station", "session", "type", "cams", "timers", "copies"]) {
+for (const id of ["text", "station", "session", "type", "rejected", "cams", "timers", "copies"]) {
   filters[id] = document.getElementById(id);
 }
 
@@ -15,6 +15,7 @@ function passes(row, wanted) {
   if (!wanted.cams && ROW.flags[row] & OF_CAM) return false;
   if (!wanted.timers && DATA.rows.kinds[row] === "t") return false;
   if (wanted.type && typeOf(row) !== wanted.type) return false;
+  if (wanted.rejected === "none" ? cause(row) : wanted.rejected && cause(row) !== wanted.rejected) return false;
   return !wanted.text || text(row).toLowerCase().includes(wanted.text);
 }
 
@@ -23,7 +24,7 @@ function sift() {
   const wanted = {
     station: Number(filters.station.value), session: filters.session.value, type: filters.type.value,
     cams: filters.cams.checked || filters.type.value === "CAM", timers: filters.timers.checked,
-    text: filters.text.value.trim().toLowerCase(),
+    text: filters.text.value.trim().toLowerCase(), rejected: filters.rejected.value,
   };
   now.shown = [];
   for (let row = 0; row < COUNT; row++) {
@@ -209,6 +210,8 @@ function begin() {
   choices(filters.station, "all", [...new Set(LOGS.map((log) => String(log.station)))]);
   choices(filters.session, "all", sessions);
   choices(filters.type, "all", types());
+  choices(filters.rejected, "all rows", ["none", ...CAUSES]);
+  filters.rejected.parentElement.hidden = !CAUSES.length;
   const button = document.getElementById("divergence");
   button.disabled = firstWrong === Infinity;
   if (firstWrong !== firstDivergence) button.textContent = "Hazard";

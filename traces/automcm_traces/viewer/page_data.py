@@ -13,6 +13,7 @@ from typing import Any
 
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
+from automcm_traces.explain.rejections import cause_of
 from automcm_traces.format.event_text import session_of, summary
 from automcm_traces.format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.reader import Log
@@ -86,6 +87,9 @@ def of_runs(
     for run in runs:
         for (i, k), match in run.merged.matches.items():
             needs[first + i, k] = (first + match.first[0], match.first[1])
+        for (i, k), sent in run.merged.rejected.items():
+            if not run.merged.before((i, k), sent):
+                needs[first + i, k] = (first + sent[0], sent[1])
         first += len(run.logs)
     ahead = a.ahead() if comparison is None else comparison.ahead
     page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
@@ -113,6 +117,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         "logs": _logs(page, row_of),
         "rows": rows,
         "arrows": _arrows(page, row_of),
+        "rejected": _causes(page.logs),
         "bars": _bars(page, row_of),
         "steps": steps,
         "operators": _used(page.histories),
@@ -279,6 +284,8 @@ def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
         columns |= {s: ghost + n for n, s in enumerate(run.ghosts)}
         for arrow in Deliveries(run.merged, Clocks.of(run.merged)).arrows():
             rows = [row_of[first + at[0], at[1]] for at in (arrow.leaves, arrow.arrives) if at]
+            if arrow.fate == "rejected" and rows[0] > rows[-1]:
+                rows = rows[-1:]  # it cannot be the transmission that its tx names
             source, to = (columns.get(s, -1) for s in (arrow.source, arrow.to))
             down = max(0, rows[-1] - rows[0])
             found.append((rows[0], FATES.index(arrow.fate), down, source, to))
@@ -289,6 +296,13 @@ def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
         numbers += [row - last, *rest]
         last = row
     return numbers
+
+
+def _causes(logs: Sequence[Log]) -> dict[str, str]:
+    """By logged reason for which a message was rejected, what it means."""
+    events = (event for log in logs for _, event in log.events)
+    reasons = {e.rejected for e in events if isinstance(e, Receive) and e.rejected is not None}
+    return {reason: cause_of(reason) for reason in sorted(reasons)}
 
 
 def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:

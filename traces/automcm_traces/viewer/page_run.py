@@ -14,7 +14,7 @@ from typing import Any
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
 from automcm_traces.explain.explain import Explained, Verdict, explained, together, verdicts
-from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.log import Receive, Send, transmission
 from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
@@ -197,10 +197,13 @@ def _is_plain_cam(line: bytes) -> bool:
 
 
 def _named(merged: Merged) -> set[int]:
-    """All stations that sent a message or are addressed by one."""
+    """All stations that sent a message or are addressed by one, or that the ``tx`` of a rejected
+    one names."""
     found: set[int] = set()
     for log in merged.logs:
         for _, event in log.events:
+            if isinstance(event, Receive) and event.rejected is not None and event.tx is not None:
+                found.add(transmission(event.tx)[0])
             m = event.message if isinstance(event, Send | Receive) else None
             for name in ("src", "dst") if m is not None else ():
                 value = m.get(name) if m is not None else None

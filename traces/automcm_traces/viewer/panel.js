@@ -58,7 +58,7 @@ function verdictOf(run, v) {
   const where = v.line ? `${v.file}:${v.line}` : v.file;
   const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
     ["nearest", v.nearest.replace(/^nearest allowed: /, "")], ["allowed after", v.allowed_after], ["state before", v.state],
-    ["hint", v.hint], ["judged from", v.judged_from ? `line ${v.judged_from}` : ""],
+    ["rejected", Object.entries(v.rejected).map(([reason, n]) => `${n} ${reason}`)], ["hint", v.hint], ["judged from", v.judged_from ? `line ${v.judged_from}` : ""],
     ["possible states", v.verdict === "allowed" && v.possible_states === 1 ? "" : v.possible_states],
     ["not logged", v.unobserved.join(", ")], ["warnings", v.warnings]];
   return el("div", { class: "verdict" },
@@ -143,12 +143,12 @@ function tree(value, changed, whole = false) {
 function ends(row) {
   const found = [];
   for (const arrow of arrowsFrom(row).slice(0, 12)) {
-    const words = `${ARROWS[arrow.kind]} → ${COLUMNS[arrow.to].name}`;
+    const words = `${became(arrow)} → ${COLUMNS[arrow.to].name}`;
     found.push(el("li", {}, arrow.last > row ? link(arrow.last, `${words}, step ${STEP[arrow.last] + 1}`) : words));
   }
   for (const arrow of touching(arrows, arrowReach, row, row)) {
     if (arrow.last !== row || arrow.first === row) continue;
-    found.push(el("li", {}, link(arrow.first, `sent at step ${STEP[arrow.first] + 1}`), ` ${ARROWS[arrow.kind]}`));
+    found.push(el("li", {}, link(arrow.first, `sent at step ${STEP[arrow.first] + 1}`), ` ${became(arrow)}`));
   }
   for (const bar of touching(bars, barReach, row, row)) {
     if (bar.first === row || (!bar.open && bar.last === row)) {

@@ -52,7 +52,7 @@ function mermaidText() {
       if (said.length >= MOST_MESSAGES) break;
       used.add(arrow.from).add(arrow.to);
       const head = { [DELIVERED]: "->>", [LOST]: "-x", [IN_FLIGHT]: "-)" }[arrow.kind] ?? "-->>";
-      const fate = arrow.kind === DELIVERED ? "" : ` (${ARROWS[arrow.kind]})`;
+      const fate = arrow.kind === DELIVERED ? "" : ` (${became(arrow)})`;
       said.push(`  c${arrow.from}${head}c${arrow.to}: ${plain(text(row).slice(0, 60))}${fate}`);
     }
   }
