@@ -37,6 +37,7 @@ GROUPS = {
         ["automcm_cli.reference.experiment_commands"],
         "Run the experiments of the evaluation.",
     ),
+    "keys": (["automcm_cli.reference.keys_commands"], "Keys and certificates of stations."),
     "link": (["automcm_cli.reference.link_commands"], "Simulate the radio between stations."),
     "conform": (
         ["automcm_cli.conform.conform_commands", f"{_MAINTENANCE}.code_mutation.certify"],

@@ -69,6 +69,8 @@ CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
 SIGNED = By(f"{HERE}simulate_command.py::test_bench_security_has_baselines_of_the_same_run")
+RENEWED = By(f"{HERE}keys.py::test_certificates_are_renewed_while_a_session_runs")
+ISSUED = By(f"{HERE}keys.py::test_an_authority_issues_shows_and_revokes")
 DRIVES = By(f"{HERE}simulate_command.py::test_drives_are_counted_by_what_b_does")
 DRAWN = By(f"{HERE}simulate_command.py::test_the_lane_change_is_told_and_drawn")
 PAGE = By(f"{HERE}model_pages.py::test_a_page_shows_its_counterexample")
@@ -133,6 +135,7 @@ TABLE: dict[str, Way] = {
     "automcm demo --kill B": DEMO,
     "automcm demo --loss 0.3": DEMO,
     "automcm demo --second-prescriber": DEMO,
+    "automcm demo --secured": By(f"{HERE}keys.py::test_a_demonstration_with_signed_messages"),
     "automcm drive --request-after 500": BRIDGE,
     "automcm drive --uri ws://127.0.0.1:9090": BRIDGE,
     "automcm drive --uri ws://192.0.2.7:9090 --token-file token": BRIDGE,
@@ -140,6 +143,11 @@ TABLE: dict[str, Way] = {
     **{f"automcm experiment {name} --profile quick --seed 1": SWEEP for name in NAMES},
     "automcm experiment render runs/evaluation": SWEEP,
     "automcm generate": FRESH,
+    "automcm keys authority authority": ISSUED,
+    "automcm keys issue authority keys-7 --id 7": ISSUED,
+    "automcm keys issue authority keys-7 --renew": RENEWED,
+    "automcm keys revoke authority --id 7": ISSUED,
+    "automcm keys show keys-7": ISSUED,
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
     "automcm simulate drives --drives 20": DRIVES,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
@@ -166,6 +174,7 @@ TABLE: dict[str, Way] = {
     "--token-file token": BRIDGE,
     "automcm station --id 2 --first": STATION,
     "automcm station --id 7 --first": LIVE,
+    "automcm station --id 7 --keys keys-7": RENEWED,
     "automcm station --id 7 --request-after 500": STATION,
     "automcm trace coverage logs/ --json coverage.json": Run(),
     "automcm trace diff run-1 run-2 --times": Run(),

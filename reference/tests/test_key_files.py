@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 from security_stage import AUTHORITY, OTHER_AUTHORITY, credentials, key
 
+from automcm.encoding.codec import JSON
 from automcm.security import certificates, cose
 from automcm.service import key_files
 from automcm.service.key_files import KeyFileError
+from automcm_spec.vocabulary.parameters import Parameters
 
 ONE = credentials(1)
 AUTHORITIES = [AUTHORITY.public_key(), OTHER_AUTHORITY.public_key()]
@@ -24,7 +26,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_what_is_saved_is_loaded_and_readable_by_its_owner_only(folder: Path) -> None:
-    found, authorities = key_files.load(folder)
+    found, authorities = key_files.load(folder), key_files.load_authorities(folder)
     assert found.certificate == ONE.certificate
     assert found.key.private_numbers() == ONE.key.private_numbers()
     named = {certificates.authority_digest(each) for each in authorities}
@@ -68,6 +70,7 @@ def test_an_error_names_the_file_and_shows_nothing_of_it(
     (folder / name).write_bytes(content)
     with pytest.raises(KeyFileError, match=said) as caught:
         key_files.load(folder)
+        key_files.load_authorities(folder)
     assert str(caught.value).startswith(str(folder)) and "\n" not in str(caught.value)
     lines = cose.private_pem(ONE.key).decode().splitlines()[1:-1]
     lines += content.decode().splitlines()[1:-1]
@@ -85,7 +88,7 @@ def test_a_station_without_authority_is_refused(folder: Path) -> None:
     for path in (folder / "authorities").iterdir():
         path.unlink()
     with pytest.raises(KeyFileError, match="authorities: expected the public key"):
-        key_files.load(folder)
+        key_files.load_verifier(folder, JSON, Parameters())
 
 
 def test_a_key_of_another_curve_is_refused(tmp_path: Path) -> None:

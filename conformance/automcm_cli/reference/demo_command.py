@@ -28,6 +28,9 @@ def demo(
         bool,
         typer.Option("--second-prescriber", help="Add a fifth station that also prescribes B."),
     ] = False,
+    secured: Annotated[
+        bool, typer.Option("--secured", help="Sign all messages, with keys made for this run.")
+    ] = False,
     logs: Annotated[Path, typer.Option(help="Folder for the logs.")] = Path("runs/demo"),
     seed: Annotated[int, typer.Option(help="Seed of the losses and delays.")] = 0,
     listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
@@ -45,6 +48,7 @@ def demo(
 
     from automcm.links.link import LinkError
     from automcm_cli.reference.demo_processes import Demo
+    from automcm_spec.support.extras import MissingExtra
 
     if kill not in (None, "B"):
         raise typer.BadParameter(f"--kill accepts only B, the target, not {kill!r}")
@@ -55,10 +59,11 @@ def demo(
         loss=loss,
         kill=kill == "B",
         second_prescriber=second_prescriber,
+        secured=secured,
         seed=seed,
         listen_ms=listen,
     )
-    with code_3("demo", LinkError, OSError), _live(shown):
+    with code_3("demo", LinkError, MissingExtra, OSError), _live(shown):
         asyncio.run(shown.run())
     if write_json(json_, shown.as_dict()):
         _summary(shown)

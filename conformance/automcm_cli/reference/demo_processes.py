@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from typing import Any
 from automcm.links.relay import Relay
 from automcm.links.simulated_radio import Channel
 from automcm.service.station_process import stopping
-from automcm_spec.support import children
+from automcm_spec.support import children, scratch
 from automcm_traces.explain.explain import Verdict, explain_files
 
 LIMIT_S = 50
@@ -28,6 +29,7 @@ ENDING_S = 5
 LATE_MS = 500
 """Tolerated delay of a timer in the log of a process on a busy machine."""
 KILL_AFTER_MS = 300
+VALID_S = 86_400
 
 
 @dataclass
@@ -49,6 +51,8 @@ class Vehicle:
     refusals: list[str] = field(default_factory=list)
     """The reasons of the refusing Acceptances that it sent."""
     latest_ms: int = 0
+    certificate: str | None = None
+    """The digest of the certificate with which it signs."""
     killed: bool = False
     ended: bool = False
     """It has reported its end."""
@@ -71,6 +75,8 @@ class Vehicle:
             case "told":
                 reason = f"({event['reason']})" if event["reason"] else ""
                 self.indications.append(event["name"] + reason)
+            case "start":
+                self.certificate = event.get("certificate")
             case "end":
                 self.ended = True
                 self.latest_ms = event["statistics"]["latest_ms"]
@@ -95,6 +101,7 @@ class Demo:
     delay_ms: tuple[int, int] = (2, 20)
     kill: bool = False
     second_prescriber: bool = False
+    secured: bool = False
     seed: int = 0
     listen_ms: int = 1100
     changed: Callable[[Demo], None] = lambda demo: None
@@ -127,7 +134,23 @@ class Demo:
         return [self.folder / f"{vehicle.station_id}.ndjson" for vehicle in self.vehicles]
 
     async def run(self) -> None:
-        """Run it.  Raises LinkError or OSError if it cannot be started."""
+        """Run it.  Raises LinkError, OSError or MissingExtra if it cannot be started."""
+        with scratch.folder("keys") if self.secured else nullcontext() as keys:
+            if keys is not None:
+                self._issue(keys)
+            await self._run()
+
+    def _issue(self, folder: Path) -> None:
+        """Give every vehicle a certificate, valid from 0 on its clock (``--zero``)."""
+        from automcm.service.authority_folder import AuthorityFolder
+
+        authority = AuthorityFolder.create(folder / "authority")
+        for vehicle in self.vehicles:
+            own = folder / str(vehicle.station_id)
+            authority.issue(own, ids=[vehicle.station_id], not_before=0, not_after=VALID_S)
+            vehicle.options += ["--keys", str(own)]
+
+    async def _run(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         for old in self.folder.glob("[1-5].ndjson"):
             old.unlink()
@@ -241,8 +264,10 @@ class Demo:
 
     def _described(self) -> Sequence[tuple[str, bool]]:
         prescriber, a, b, c = self.vehicles[:4]
+        signed = all(v.certificate for v in self.vehicles)
         acted = prescriber.went("ADVERTISING ADV-1", "CHOOSING PRE-1", "ACTUATING NEG-6")
         agreed = [
+            ("all vehicles sign their messages", signed or not self.secured),
             ("the prescriber advertises, chooses, and acts after B's Acceptance", acted),
             ("B accepts", b.went("NEGOTIATING NEG-1", "ACTUATING NEG-2")),
             *(

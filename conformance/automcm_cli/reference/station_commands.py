@@ -19,7 +19,10 @@ from automcm_cli.shared.parameter_options import chosen
 
 if TYPE_CHECKING:
     from automcm.bridge.websocket_bridge import WebSocketBridge
+    from automcm.encoding.codec import Codec
     from automcm.service.line_output import LineOutput
+    from automcm.service.station_keys import StationKeys
+    from automcm_spec.vocabulary.parameters import Parameters
 
 Target = Annotated[
     int, typer.Option(help="station_id of the station to prescribe (0 = the first that answers).")
@@ -116,6 +119,12 @@ def station(
         list[str] | None,
         typer.Option("--set", help="Change a parameter, such as t_timeout=1000.  Repeatable."),
     ] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of automcm keys issue.  Sign messages, and take only signed ones."
+        ),
+    ] = None,
     log: Annotated[
         Path | None,
         typer.Option(
@@ -187,6 +196,8 @@ def station(
     rosbridge JSON, or automcm drive.  Without --bridge, it drives straight on and accepts
     proposals.  Beyond loopback the bridge needs a token.
 
+    With --keys it reads its certificate and the lists of revoked ones again each second.
+
     The station starts as after a restart unless --first is given or the --number-file does not
     exist yet: it takes its session number from the clock, and for some seconds it joins no session.
     """
@@ -216,6 +227,7 @@ def station(
         raise typer.BadParameter("--token-file needs --bridge")
     served = None if bridge is None else _bridge(bridge, host, allow_remote, token_file)
     parameters = chosen(set_ or [])
+    signing = _keys(keys, station_id, coded, parameters) if keys else None
 
     with code_3("station", LinkError):
         sent = DatagramLog(watcher, allow_remote=allow_remote) if watcher else None
@@ -228,6 +240,7 @@ def station(
             link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
             codec=coded,
             parameters=parameters,
+            keys=signing,
             report=lines.report,
             complain=lines.complain,
             log=log,
@@ -243,6 +256,17 @@ def station(
         await process.run()
 
     carry_out("station", run)
+
+
+def _keys(folder: Path, station_id: int, codec: Codec, parameters: Parameters) -> StationKeys:
+    from automcm.links.link import LinkError
+    from automcm_spec.support.extras import MissingExtra
+    from automcm_spec.vocabulary.parameters import ParameterError
+
+    with usage(ParameterError), code_3("station", LinkError, MissingExtra):
+        from automcm.service.station_keys import StationKeys
+
+        return StationKeys(folder, station_id, codec, parameters)
 
 
 def _bridge(port: int, host: str, allow_remote: bool, token_file: Path | None) -> WebSocketBridge:

@@ -13,6 +13,7 @@ import asyncio
 import ipaddress
 import socket
 from collections import OrderedDict
+from collections.abc import Callable
 
 from automcm.links.link import LinkError, Receiver, is_loopback
 from automcm_spec.vocabulary.messages import BROADCAST
@@ -90,6 +91,8 @@ class UdpLink:
     ) -> None:
         self.unsent = 0
         """Number of datagrams that the system refused to send; they count as lost."""
+        self.unread: Callable[[bytes], None] = lambda data: None
+        """Called with each datagram in which the receiver found no message."""
         self._all = via or broadcast
         self._via = via
         self._addresses: OrderedDict[int, Address | None] = OrderedDict()
@@ -148,7 +151,9 @@ class UdpLink:
         if where == self.address:
             return  # own broadcast
         src = self._receive(data, None)
-        if src is not None:
+        if src is None:
+            self.unread(data)
+        else:
             known = self._addresses.get(src, where)
             self._addresses[src] = where if known == where else None
             self._addresses.move_to_end(src)

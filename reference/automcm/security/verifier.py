@@ -149,6 +149,17 @@ class Verifier:
         self._revoked[new.authority] = new
         return True
 
+    def problem(self, certificate: Certificate, now_ms: int) -> Reason | None:
+        """Why every message with this certificate is discarded; None if it is valid."""
+        authority = self._authorities.get(certificate.authority)
+        if authority is None:
+            return Reason.UNKNOWN_AUTHORITY
+        try:
+            self._check_certificate(certificate, now_ms)
+        except _Refused as refused:
+            return refused.reason
+        return None if cose.verify(certificate.signed, authority) else Reason.BAD_SIGNATURE
+
     def receive(
         self, data: bytes, now_ms: int, tx: str | None = None, own: bytes = b""
     ) -> list[Accepted | Rejected]:

@@ -1,7 +1,8 @@
 """Keys and certificates in files, which only their owner can read.
 
-A folder has ``key.pem`` (PKCS #8), ``certificate.cwt``, and in ``authorities`` a PEM file with the
-public key of each.  Errors name the file and never show what is in it.
+A station's folder has ``key.pem`` (PKCS #8), ``certificate.cwt``, and in ``authorities`` of each
+authority its public key, ``DIGEST.pem``, and ``DIGEST.revoked``, if it has revoked certificates.
+Errors name the file and never show what is in it.
 """
 
 from __future__ import annotations
@@ -10,15 +11,21 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from automcm.encoding.codec import Codec
+from automcm.links.link import LinkError
 from automcm.security import certificates
 from automcm.security.certificates import Certificate, Credentials
 from automcm.security.cose import PrivateKey, PublicKey, private_pem, public_pem, read_pem
+from automcm.security.verifier import Verifier
 from automcm_spec.support import files
+from automcm_spec.vocabulary.parameters import Parameters
 
 KEY, CERTIFICATE, AUTHORITIES = "key.pem", "certificate.cwt", "authorities"
+LARGEST = 1_000_000
+"""Bytes of the largest file, a list of more than 100,000 revoked certificates."""
 
 
-class KeyFileError(Exception):
+class KeyFileError(LinkError):
     """A file with a key or certificate cannot be used; the text names the file."""
 
 
@@ -34,7 +41,7 @@ def save_key(path: Path, key: PrivateKey) -> None:
 
 def load_key(path: Path) -> PrivateKey:
     """A private key.  Raises KeyFileError, also if others than its owner can read the file."""
-    data = _content(path)
+    data = content(path)
     if path.stat().st_mode & 0o077:
         raise KeyFileError(f"{path}: other users can read it; chmod 600 {path}")
     key = read_pem(data)
@@ -47,42 +54,89 @@ def save(
     folder: Path, key: PrivateKey, certificate: Certificate, authorities: Iterable[PublicKey]
 ) -> None:
     """Write the files of a station to a new folder (mode 700).  Raises KeyFileError."""
-    try:
-        folder.mkdir(mode=0o700)
-        (folder / AUTHORITIES).mkdir()
-        for authority in authorities:
-            name = f"{certificates.authority_digest(authority).hex()}.pem"
-            files.write(folder / AUTHORITIES / name, public_pem(authority))
-        files.write(folder / CERTIFICATE, certificates.encoded(certificate))
-    except OSError as error:
-        raise KeyFileError(f"{folder}: {error.strerror}") from None
+    new_folder(folder, authorities)
+    write(folder / CERTIFICATE, certificates.encoded(certificate))
     save_key(folder / KEY, key)
 
 
-def load(folder: Path) -> tuple[Credentials, list[PublicKey]]:
-    """The credentials of a station and the authorities that it trusts.  Raises KeyFileError."""
+def new_folder(folder: Path, authorities: Iterable[PublicKey]) -> None:
+    """A folder (mode 700) with the public keys of authorities.  Raises KeyFileError."""
+    try:
+        folder.mkdir(mode=0o700)
+        (folder / AUTHORITIES).mkdir()
+    except OSError as error:
+        raise KeyFileError(f"{folder}: {error.strerror}") from None
+    for authority in authorities:
+        write(authority_path(folder, authority), public_pem(authority))
+
+
+def authority_path(folder: Path, authority: PublicKey) -> Path:
+    """Where a folder has the public key of an authority."""
+    return folder / AUTHORITIES / f"{certificates.authority_digest(authority).hex()}.pem"
+
+
+def load(folder: Path) -> Credentials:
+    """The credentials of a station.  Raises KeyFileError."""
     key, path = load_key(folder / KEY), folder / CERTIFICATE
     try:
-        credentials = Credentials(certificates.read(_content(path)), key)
+        return Credentials(load_certificate(path), key)
     except ValueError as error:
         raise KeyFileError(f"{path}: {error}") from None
+
+
+def load_certificate(path: Path) -> Certificate:
+    """A certificate, before its verification.  Raises KeyFileError."""
+    try:
+        return certificates.read(content(path))
+    except ValueError as error:
+        raise KeyFileError(f"{path}: {error}") from None
+
+
+def load_authorities(folder: Path) -> list[PublicKey]:
+    """The authorities that the owner of a folder trusts.  Raises KeyFileError."""
     paths = sorted((folder / AUTHORITIES).glob("*.pem"))
     if not paths:
         raise KeyFileError(f"{folder / AUTHORITIES}: expected the public key of an authority")
-    return credentials, [load_authority(each) for each in paths]
+    return [load_authority(each) for each in paths]
+
+
+def revoked_lists(folder: Path) -> list[Path]:
+    """The lists of revoked certificates in a folder."""
+    return sorted((folder / AUTHORITIES).glob("*.revoked"))
+
+
+def load_verifier(folder: Path, codec: Codec, parameters: Parameters) -> Verifier:
+    """A verifier with the authorities of a folder and their lists.
+
+    Raises KeyFileError, and ParameterError as ``freshness_ms``.
+    """
+    verifier = Verifier(load_authorities(folder), codec, parameters)
+    for path in revoked_lists(folder):
+        if not verifier.revoke(content(path)):
+            raise KeyFileError(f"{path}: expected a list that an authority beside it has signed")
+    return verifier
 
 
 def load_authority(path: Path) -> PublicKey:
     """The public key of an authority.  Raises KeyFileError."""
-    key = read_pem(_content(path))
+    key = read_pem(content(path))
     if not isinstance(key, PublicKey):
         raise KeyFileError(f"{path}: expected a public key of P-256 in PEM")
     return key
 
 
-def _content(path: Path) -> bytes:
+def content(path: Path) -> bytes:
+    """The bytes of a file, at most LARGEST.  Raises KeyFileError."""
     try:
         with path.open("rb") as file:
-            return file.read(10_000)
+            return file.read(LARGEST)
+    except OSError as error:
+        raise KeyFileError(f"{path}: {error.strerror}") from None
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file that is not secret, atomically.  Raises KeyFileError."""
+    try:
+        files.write(path, data)
     except OSError as error:
         raise KeyFileError(f"{path}: {error.strerror}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import (
@@ -13,15 +14,16 @@ from contextlib import (
     suppress,
 )
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from automcm.core.outcome import Expiry, Received
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.encoding.codec import Codec
 from automcm.links.clock import SLEW, AsyncioClock
-from automcm.links.link import LinkError
+from automcm.links.link import Link, LinkError
 from automcm.links.udp_link import UdpLink
 from automcm.service import event_log
 from automcm.service.application import Application
@@ -34,6 +36,9 @@ from automcm_spec.vocabulary.messages import LIMIT, MessageError
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.format.writer import LogWriter, Sink
 
+if TYPE_CHECKING:
+    from automcm.service.station_keys import StationKeys
+
 Report = Callable[[dict[str, Any]], None]
 """Takes one event, as JSON values."""
 
@@ -42,6 +47,10 @@ STOP_MS = 1000
 """How long a stopping station waits, at most, for the Ack of its Cancel."""
 FINISH_S = 0.5
 """How long to wait at the end for a log that is written slowly."""
+
+
+_SIGNED = re.compile(rb"\x84.{1,3}\xa2\x01\x26", re.DOTALL)
+"""The beginning of an envelope (``automcm.security.envelope``, which needs an extra)."""
 
 
 class NumberError(Exception):
@@ -106,8 +115,11 @@ class StationProcess:
     for_ms: int | None = None
     zero: float | None = None
     """The time of the host's monotonic clock, in s, that counts as 0 ms, instead of UNIX time."""
+    keys: StationKeys | None = None
+    """With them, it signs its messages and only takes signed ones (docs/secured.md)."""
     complain: Callable[[str], None] = lambda text: None
-    """Takes a line about lost records while the station runs; also from another thread."""
+    """Takes a line about lost records, keys or unsigned messages while the station runs; also from
+    another thread."""
     _idle: asyncio.Future[None] | None = field(default=None, init=False)
     """Done when a stopping station has no message left to send."""
 
@@ -123,14 +135,15 @@ class StationProcess:
         over, at_once = stopping(None), asyncio.get_running_loop().create_future()
         number, restarted = self._before()
         async with AsyncExitStack() as stack:
-            link = self.link()
-            stack.callback(link.close)
+            udp, clock = self.link(), AsyncioClock(self.zero, self._stepped)
+            stack.callback(udp.close)
+            link: Link = udp if self.keys is None else self.keys.link(udp, clock)
             await _free(link, self.codec, self.station_id, self.listen_ms, over)
             service = McService(
                 self.station_id,
                 self.application,
                 link,
-                AsyncioClock(self.zero, self._stepped),
+                clock,
                 parameters=self.parameters,
                 number=number,
                 keep_number=self.number_file.keep if self.number_file else lambda number: None,
@@ -140,14 +153,18 @@ class StationProcess:
                 out_of_step=self._out_of_step,
             )
             self._service = service
+            udp.unread = partial(self._unread, udp)
+            if self.keys is not None:
+                self.keys.attach(service, self.complain, partial(self._report, service))
             await stack.enter_async_context(self.serving)
             log = stack.enter_context(self._logging(service))
-            stack.callback(self._end, service, link)
+            stack.callback(self._end, service, udp)
             stack.callback(service.close)
             service.start()
             if restarted:
                 service.restart()
             about = {"session_number": number, "bridge": getattr(self.serving, "port", None)}
+            about |= {} if self.keys is None else self.keys.about()
             self._report(service, event="start", log=log and str(log), **about)
             for after_ms, command in self.commands:
                 service.command(command, max(after_ms, 1))
@@ -185,6 +202,21 @@ class StationProcess:
     def _out_of_step(self, station_id: int, offset_ms: tuple[int, int]) -> None:
         about = {"src": station_id, "offset_ms": list(offset_ms)}
         self._report(self._service, event="out_of_step", **about)
+
+    def _unread(self, udp: UdpLink, data: bytes) -> None:
+        """Report once if only one of this station and another one signs its messages."""
+        if self.keys is None:
+            if not _SIGNED.match(data):
+                return
+            problem = "receives signed messages, which it cannot read; give it keys with --keys"
+        else:
+            try:
+                src = self.codec.decode(data).src
+            except MessageError:
+                return
+            problem = f"discards the unsigned messages of station {src}; give that one --keys, too"
+        self.complain(problem)
+        udp.unread = lambda data: None
 
     def _stepped(self, ms: int) -> None:
         self.complain(
@@ -275,7 +307,7 @@ class StationProcess:
 
 
 async def _free(
-    link: UdpLink, codec: Codec, station_id: int, ms: int, over: asyncio.Future[None]
+    link: Link, codec: Codec, station_id: int, ms: int, over: asyncio.Future[None]
 ) -> None:
     """Listen for ``ms``.  Raises LinkError if another station uses this id."""
     if ms <= 0:
