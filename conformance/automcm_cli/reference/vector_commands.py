@@ -1,4 +1,4 @@
-"""``automcm vectors``: checks the kernels of the reference against the test vectors."""
+"""``automcm vectors``: checks the reference against the test vectors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ def check(
     ] = None,
     json_: Json = None,
 ) -> None:
-    """Check the reference against the vectors for KIN-1 to KIN-7."""
+    """Check the reference against the test vectors.
+
+    Those for signed messages need the extra ``automcm[secure]``.
+    """
     from automcm.adapters import vector_adapter
     from automcm_conformance.vectors import vectors
 
@@ -50,18 +53,28 @@ def check(
             if not kernel or path.stem in kernel:
                 notify(path.stem)
                 results += vectors.check(vector_adapter.call, vectors.load(path))
+        for name, why in not_supported(results).items():
+            if name in (kernel or []):
+                raise vectors.VectorError(f"{name}: not supported: {why}")
     if write_json(json_, as_dict(results)):
         show(results, console_of(200))
     raise typer.Exit(0 if all(result.ok for result in results) else 1)
 
 
-def as_dict(results: list[Result]) -> dict[str, list[dict[str, object]]]:
+def not_supported(results: list[Result]) -> dict[str, str]:
+    """The kernels that the implementation does not have, and why."""
+    return {each.case.kernel: each.not_supported for each in results if each.not_supported}
+
+
+def as_dict(results: list[Result]) -> dict[str, object]:
     """For ``--json``: each vector, and whether its result is as expected."""
     return {
         "vectors": [
             {"id": result.case.id, "kernel": result.case.kernel, "ok": result.ok}
             for result in results
-        ]
+            if not result.not_supported
+        ],
+        "not_supported": not_supported(results),
     }
 
 
@@ -69,10 +82,12 @@ def show(results: list[Result], console: Console) -> None:
     """A table by kernel, then each vector that fails."""
     table = table_of("rule", "kernel", "vectors", "failed", words=2)
     for rule, kernel in dict.fromkeys((each.case.rule, each.case.kernel) for each in results):
-        mine = [each for each in results if each.case.kernel == kernel]
+        mine = [each for each in results if each.case.kernel == kernel and not each.not_supported]
         failed = sum(not each.ok for each in mine)
         table.add_row(rule, kernel, str(len(mine)), str(failed), style="red" if failed else "")
     console.print(table)
+    for name, why in not_supported(results).items():
+        console.print(f"{name}: not supported: {why}", markup=False, soft_wrap=True)
     for result in results:
         if not result.ok:
             console.print()

@@ -1,4 +1,4 @@
-"""Test vectors for the trajectory kernels, with exact kernels of their own.
+"""Test vectors: for the trajectory kernels with exact ones of their own, and for signed messages.
 
 For stations in other languages (docs/vectors.md).  Intentionally independent of the reference.
 Only commands and maintenance import this subpackage.

@@ -1,4 +1,4 @@
-"""The form of a file of test vectors, for each kernel (docs/vectors.md)."""
+"""The form of a file of test vectors, for each kernel and for signed messages (docs/vectors.md)."""
 
 from __future__ import annotations
 
@@ -230,6 +230,78 @@ class Clock(_Strict):
     in_step: bool
 
 
+Hex = Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+
+
+class CertificateInputs(_Strict):
+    certificate: Hex
+
+
+class Certificate(_Strict):
+    """The claims of a certificate.  ``scenarios`` is null if it may advertise all."""
+
+    ids: list[Station]
+    not_before: int
+    not_after: int
+    roles: list[Literal["cam", "prescriber", "receiver"]]
+    scenarios: list[str] | None
+    station_type: int
+    authority: Digest
+    digest: Digest
+
+
+class Received(_Strict):
+    """A datagram, and the time in ms since 1970 at which it arrives."""
+
+    now: int
+    envelope: Hex
+
+
+class ReceivedList(_Strict):
+    """A list of revoked certificates."""
+
+    revocations: Hex
+
+
+class EnvelopeInputs(_Strict):
+    """``authorities``: their public keys, as compressed points.  ``own``: the digest of the
+    receiver's certificate.  ``events``: in the order of arrival."""
+
+    authorities: list[Hex]
+    own: Digest | None
+    events: Annotated[list[Received | ReceivedList], Field(min_length=1)]
+
+
+Verdict = Literal[
+    "accepted",
+    "waiting",
+    "malformed",
+    "stale",
+    "early",
+    "replayed",
+    "unknown_signer",
+    "unknown_authority",
+    "certificate_expired",
+    "certificate_not_yet",
+    "revoked",
+    "bad_signature",
+    "wrong_source",
+    "not_permitted",
+    "list_taken",
+    "list_ignored",
+]
+
+
+class Envelope(_Strict):
+    """For each event the verdict after all events, the message if it is accepted, and the digest of
+    the certificate that its sender asks for."""
+
+    verdicts: list[Verdict]
+    messages: list[Text | None]
+    wanted: list[Digest | None]
+
+
 class Wrong(_Strict):
     """The name of the invalid input and its first invalid index; ``why`` is not compared."""
 
@@ -306,6 +378,16 @@ class ClockFile(File[ClockInputs, Clock]):
     rule: Literal["APP-6"]
 
 
+class CertificateFile(File[CertificateInputs, Certificate]):
+    kernel: Literal["certificate"]
+    rule: Literal["secured"]
+
+
+class EnvelopeFile(File[EnvelopeInputs, Envelope]):
+    kernel: Literal["envelope"]
+    rule: Literal["secured"]
+
+
 FILE: TypeAdapter[Any] = TypeAdapter(
     Annotated[
         ConvertFile
@@ -316,7 +398,9 @@ FILE: TypeAdapter[Any] = TypeAdapter(
         | PrescribeFile
         | VerifyFile
         | SuccessFile
-        | ClockFile,
+        | ClockFile
+        | CertificateFile
+        | EnvelopeFile,
         Field(discriminator="kernel"),
     ]
 )

@@ -1,7 +1,9 @@
-"""Test vectors for the trajectory kernels (docs/vectors.md): read, generate, check a kernel.
+"""Test vectors for the trajectory kernels and for signed messages (docs/vectors.md): read,
+generate, check an implementation.
 
 The inputs in ``conformance/vectors/*.json`` are written by hand.  ``texts`` fills in the expected
-outputs from automcm_conformance.vectors.exact_kernels; they are never written by hand.
+outputs from automcm_conformance.vectors.exact_kernels; they are never written by hand.  The vectors
+for signed messages are made, with what is expected, by conformance/tests/secured_vectors.py.
 """
 
 from __future__ import annotations
@@ -27,14 +29,18 @@ Call = Callable[[str, Json], Json]
 """An implementation: returns the outputs of a kernel for these inputs.
 
 For an invalid input it returns ``{"error": {"name": ..., "index": ...}}``; the index is optional.
+It raises NotImplementedError for one of SECURED without signed messages, with the reason.
 """
 
 SCHEMA = "vectors-1.schema.json"
 ROUNDING = 1e-9
 """What rounding may add to the errors of KIN-2, m and m/s."""
+SECURED = ("certificate", "envelope")
+"""For signed messages (docs/secured.md), which are optional."""
 KERNELS = (
     *("convert", "thin", "collide", "extents", "discover", "prescribe", "verify", "success"),
     "clock",
+    *SECURED,
 )
 
 
@@ -64,10 +70,12 @@ class Result:
     problem: str
     """The first difference; empty if there is none."""
     got: Json = None
+    not_supported: str = ""
+    """Why the implementation has no answer; empty if it has one."""
 
     @property
     def ok(self) -> bool:
-        """Whether the answer is correct."""
+        """Whether the answer is correct, or not required."""
         return not self.problem
 
 
@@ -132,14 +140,18 @@ def _checked(path: Path, file: Json) -> Json:
 
 
 def check(call: Call, cases: Iterable[Case]) -> list[Result]:
-    """Check an implementation with the vectors.  An exception that it raises is a problem."""
+    """Check an implementation with the vectors.  An exception that it raises is a problem, except
+    NotImplementedError for one of SECURED."""
     results = []
     for case in cases:
         try:
             got = call(case.kernel, json.loads(json.dumps(case.inputs)))
             results.append(Result(case, difference(case, got), got))
         except Exception as error:
-            results.append(Result(case, f"raised {type(error).__name__}: {error}"))
+            if isinstance(error, NotImplementedError) and case.kernel in SECURED:
+                results.append(Result(case, "", not_supported=str(error) or "not implemented"))
+            else:
+                results.append(Result(case, f"raised {type(error).__name__}: {error}"))
     return results
 
 
@@ -261,18 +273,21 @@ def texts() -> dict[Path, str]:
     made = {VECTORS / SCHEMA: schema()}
     for path in paths():
         file = _read(path)
+        if path.stem in SECURED:
+            made[path] = text(_checked(path, file))
+            continue
         with suppress(KeyError, TypeError):  # _checked reports missing fields
             for vector in file["vectors"]:
                 vector["expected"] = {"error": {"name": "none", "why": "not known yet"}}
         _checked(path, file)
         for vector in file["vectors"]:
             vector["expected"] = exact_kernels.call(file["kernel"], vector["inputs"])
-        made[path] = _text(_checked(path, file))
+        made[path] = text(_checked(path, file))
     return made
 
 
-def _text(file: Json) -> str:
-    """JSON with one field of a vector on each line."""
+def text(file: Json) -> str:
+    """The text of a file: JSON with one field of a vector on each line."""
 
     def line(value: Json) -> str:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
@@ -302,7 +317,7 @@ def schema() -> str:
     made = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": "urn:automcm:vectors:1",
-        "title": "Test vectors for a trajectory kernel of AutoMCM, version 1",
+        "title": "Test vectors of AutoMCM, version 1",
         **_untitled(FILE.json_schema()),
     }
     return json.dumps(made, indent=2, sort_keys=True) + "\n"

@@ -35,7 +35,7 @@ Cell = list[tuple[str, str]]
 
 def summaries() -> dict[str, str]:
     """Every rule, kernel rule, application rule and property, with a summary in one line."""
-    other = ("extents", "clock")  # of KIN-3, as collide, and of APP-6
+    other = ("extents", "clock", *vectors.SECURED)  # of KIN-3, as collide, of APP-6, of none
     names = [name for name in vectors.KERNELS if name not in other]
     kernels = dict(zip(uncited.KINEMATIC, names, strict=True))
     return (

@@ -1,9 +1,10 @@
-"""The kernels of the reference behind the test vectors (docs/vectors.md)."""
+"""The kernels of the reference, and its security, behind the test vectors (docs/vectors.md)."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 from automcm.kernels import success
@@ -16,12 +17,16 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
 from automcm.kernels.verify import Limits, verify
 from automcm.links.clock_bounds import bounds, in_step
+from automcm_spec.support.extras import MissingExtra
 
 Json = Any
 
 
 def call(kernel: str, inputs: Json) -> Json:
-    """The outputs of the kernel; ``{"error": {"name", "index"}}`` if it refuses the inputs."""
+    """The outputs of the kernel; ``{"error": {"name", "index"}}`` if it refuses the inputs.
+
+    Raises NotImplementedError for signed messages without the extra ``automcm[secure]``.
+    """
     try:
         return KERNELS[kernel](inputs)
     except TrajectoryError as error:
@@ -126,6 +131,22 @@ def _clock(given: Json) -> Json:
     return {"least": found[0], "greatest": found[1], "in_step": in_step(found)}
 
 
+def _certificate(given: Json) -> Json:
+    return _secured().certificate(given)
+
+
+def _envelope(given: Json) -> Json:
+    return _secured().envelope(given)
+
+
+def _secured() -> ModuleType:
+    try:
+        from automcm.adapters import secured_vector_adapter
+    except MissingExtra as error:
+        raise NotImplementedError(str(error)) from None
+    return secured_vector_adapter
+
+
 KERNELS: dict[str, Callable[[Json], Json]] = {
     "convert": _convert,
     "thin": _thin,
@@ -136,4 +157,6 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
     "verify": _verify,
     "success": _success,
     "clock": _clock,
+    "certificate": _certificate,
+    "envelope": _envelope,
 }

@@ -1,0 +1,46 @@
+"""Makes conformance/vectors/certificate.json and envelope.json (docs/vectors.md).
+
+    python conformance/tests/secured_vectors.py
+
+The expected verdict stands beside each vector; no verifier computes it.  ``secured_bugs`` has the
+bugs as edits of the reference.
+"""
+
+from __future__ import annotations
+
+import secured_certificates
+import secured_envelopes
+
+from automcm_conformance.adapter.kit_paths import VECTORS
+from automcm_conformance.vectors import vectors
+
+HEX, MS, S = "hexadecimal", "ms since 1970", "s since 1970"
+TABLES = {
+    "certificate": (secured_certificates, {"certificate": HEX, "not_before": S, "not_after": S}),
+    "envelope": (
+        secured_envelopes,
+        dict.fromkeys(("authorities", "own", "envelope", "revocations", "wanted"), HEX)
+        | {"now": MS},
+    ),
+}
+
+
+def text(kernel: str) -> str:
+    """The text of the file."""
+    table, units = TABLES[kernel]
+    return vectors.text(
+        {
+            "schema": "automcm.vectors/1",
+            "kernel": kernel,
+            "rule": "secured",
+            "units": units,
+            "tolerance": {},
+            "bugs": table.BUGS,
+            "vectors": table.VECTORS,
+        }
+    )
+
+
+if __name__ == "__main__":
+    for name in TABLES:
+        (VECTORS / f"{name}.json").write_text(text(name))
