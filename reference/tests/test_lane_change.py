@@ -249,10 +249,14 @@ def test_a_lane_is_an_integer(lane: object) -> None:
 LANELETS = """<osm version="0.6">
   <node id="1" lat="49.0" lon="8.9990"/><node id="2" lat="49.0" lon="9.0050"/>
   <node id="3" lat="49.000031475" lon="8.9990"/><node id="4" lat="49.000031475" lon="9.0050"/>
+  <node id="5" lat="49.0" lon="9.0060"/><node id="6" lat="49.000031475" lon="9.0060"/>
+  <way id="12"><nd ref="2"/><nd ref="5"/></way><way id="13"><nd ref="4"/><nd ref="6"/></way>
   <way id="10"><nd ref="1"/><nd ref="2"/></way>
   <way id="11"><nd ref="3"/><nd ref="4"/></way>
   <relation id="1"><member type="way" ref="11" role="left"/>
     <member type="way" ref="10" role="right"/><tag k="type" v="lanelet"/></relation>
+  <relation id="2"><member type="way" ref="13" role="left"/>
+    <member type="way" ref="12" role="right"/><tag k="type" v="lanelet"/></relation>
 </osm>
 """
 
@@ -272,8 +276,16 @@ def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
     receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
     driven(lambda: prescriber.signal(1), prescriber, receiver)
     assert "prescribes 3 to drive 20 km/h slower" in said(prescriber)
+    line, longer = lanes.line([1]), lanes.line([1, 2])
+    ahead = line.project(np.array([[3.0, 4.5]]))
+    assert ahead.d[0] == pytest.approx(1.0, abs=0.2) and abs(ahead.heading[0]) < 0.05
+    assert line.length == pytest.approx(np.ptp(zone[:, 0]), abs=0.5)
+    assert longer.length == pytest.approx(line.length * 7 / 6, abs=0.5)
     with pytest.raises(MapError, match="lane 7"):
         lanes.zone(7)
+    for wrong in ([1, 7], []):
+        with pytest.raises(MapError, match="lanes"):
+            lanes.line(wrong)
     with pytest.raises(MapError, match="nowhere"):
         LaneMap(tmp_path / "nowhere", (49.0, 9.0))
 

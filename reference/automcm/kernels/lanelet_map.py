@@ -1,13 +1,15 @@
-"""Lanes from a Lanelet2 map, as the polygons for KIN-4 (extra ``automcm[map]``)."""
+"""Lanes from a Lanelet2 map, as polygons for KIN-4 and as road lines (extra ``automcm[map]``)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from automcm.kernels.trajectory import Floats, TrajectoryError, array
+from automcm.kernels.road_line import REACH_M, RoadLine
+from automcm.kernels.trajectory import NANOMETRE, Floats, TrajectoryError, array
 
 
 class MapError(Exception):
@@ -44,3 +46,16 @@ class LaneMap:
             return array("zone", np.array(corners), 2)
         except (RuntimeError, TrajectoryError) as error:
             raise MapError(f"{self._path}: lane {lane}: {error}") from None
+
+    def line(self, lanes: Sequence[int], reach: float = REACH_M) -> RoadLine:
+        """The centre line of lanelets in the order in which they are driven.
+
+        Raises MapError if one does not exist, or if the line is none (``RoadLine``).
+        """
+        try:
+            places = [(p.x, p.y) for lane in lanes for p in self._map.laneletLayer[lane].centerline]
+            xy = array("centre line", np.array(places), 2)
+            apart = np.hypot(*np.diff(xy, axis=0).T) > NANOMETRE  # a lanelet begins where one ends
+            return RoadLine(xy[np.concatenate([[True], apart])], reach)
+        except (RuntimeError, TrajectoryError) as error:
+            raise MapError(f"{self._path}: lanes {[*lanes]}: {error}") from None
