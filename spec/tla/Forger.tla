@@ -39,9 +39,23 @@ Forge(s) ==
 
 Nearer == [s \in Stations |-> Max(Past, lead[s] - 1)]
 
+\* The actions of TNext.
+SameLead        == UNCHANGED lead
+ThenFireDue(s)  == FireDue(s)  /\ SameLead
+ThenObey(s)     == Obey(s)     /\ SameLead
+ThenTRestart(s) == TRestart(s) /\ SameLead
+ThenHearCam     == HearCam     /\ SameLead
+ThenDeliver     == Deliver     /\ SameLead
+ThenDuplicate   == Duplicate   /\ SameLead
+ThenCutOff      == CutOff      /\ SameLead
+NearerTick      == Tick        /\ lead' = Nearer
+
 ForgerNext ==
-  \/ TNext /\ lead' = IF last'.input.kind = "tick" THEN Nearer ELSE lead
-  \/ \E s \in Stations : Forge(s)
+  \/ \E s \in Stations :
+       ThenFireDue(s) \/ ThenObey(s) \/ ThenTRestart(s) \/ Forge(s)
+  \/ ThenHearCam \/ ThenDeliver \/ ThenDuplicate
+  \/ ThenCutOff
+  \/ NearerTick
 
 ForgerSpec == EInit /\ lead = [s \in Stations |-> Past]
               /\ [][ForgerNext]_<<tvars, lead>>
