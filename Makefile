@@ -14,7 +14,7 @@ endif
 verify: ready
 	@$(BIN)/automcm verify $(ARGS)
 
-# Before a commit: lint, types, and the quick tests, in three minutes.
+# Before a commit: lint, types, and the quick tests, in five minutes.
 test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
