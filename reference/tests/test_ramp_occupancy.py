@@ -4,32 +4,33 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import pytest
 from road_stage import answers_of, driven, said, stands
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import STEP_MS, SimulatedDrive
+from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
-from automcm.scenarios.occupancy import HARDEST, LEAST_M, WIDTH_M, Track
+from automcm.scenarios.occupancy import HARDEST, LEAST_M, Track
 from automcm.scenarios.occupancy_sweep import (
     BURSTS_MS,
     PERCEPTION,
     WITHOUT,
     CamOnly,
     DoesNotSlow,
+    cut_in,
+    room,
     sight,
 )
 from automcm.scenarios.ramp_merge import Merge, Ramp
-from automcm.scenarios.road import LANE_WIDTH, STEP_S, Driving, Vehicle
+from automcm.scenarios.road import LANE_WIDTH, Driving, Vehicle
 from automcm.service.application import Choice, heard_by
 
 KINDS = ("answers", "CAM only", "seen only", "does not slow", "cuts in")
 """What the vehicle that arrives together with the one on the ramp does.  ``cuts in``: it answers,
 and a vehicle from the third lane moves into the gap without looking."""
-SIGNAL_MS, UNTIL_S, AFTER_S = 1000, 60.0, 3.0
+SIGNAL_MS, UNTIL_S = 1000, 60.0
 
 
 def unlike(mechanism: type[Any]) -> type[Merge]:
@@ -89,53 +90,20 @@ def drive(seed: int, without: str = "", kind: str = "") -> Driven:
         mine.occupied = sight(own, made_drive.road.vehicles)
     made_drive.simulation.clock.at(SIGNAL_MS, mine.signal)
     if kind == "cuts in":
-        cut_in(made_drive, cutter, cuts_s)
+        cut_in(made_drive, cutter, cuts_s, SIGNAL_MS)
     made_drive.run(UNTIL_S)
     hardest = max(0.0, -min(s.acceleration for s in made_drive.road.samples))
+    left = room(made_drive, own)
     return Driven(
         merged=own.lane == 1,
         stopped=own.lane == 0 and own.speed < 0.1,
-        room_m=room(made_drive),
+        room_m=1000.0 if left is None else left,
         braking=0.0 if kind == "cuts in" else hardest,
         over_the_end=any(
             s.x + own.length / 2 > ramp.joins_m + ramp.length_m and s.y < NO_RETURN_M
             for s in made_drive.road.of(1)
         ),
     )
-
-
-def cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float) -> None:
-    """Let it cut in ``after_s`` after the merge began, unless that is over the marking."""
-    own, clock = made.road.vehicles[0], made.simulation.clock
-    waited = 0
-
-    def look() -> None:
-        nonlocal waited
-        waited += STEP_MS * own.changing
-        if waited <= after_s * 1000:
-            clock.at(clock.now() + STEP_MS, look)
-        elif own.moved_m < (LANE_WIDTH - WIDTH_M) / 2:
-            cutter.change_lane(1, clock.now() / 1000)
-
-    clock.at(SIGNAL_MS, look)
-
-
-def room(made: SimulatedDrive) -> float:
-    """The least distance, bumper to bumper: at the beginning to any vehicle on the main road; then
-    to any whose side overlaps with its own.  1000 without a merge."""
-    mine = made.road.of(1)
-    moved = [n for n, (p, q) in enumerate(pairwise(mine)) if p.y != q.y]
-    if not moved:
-        return 1000.0
-    first, last = moved[0], min(moved[-1] + round(AFTER_S / STEP_S), len(mine) - 1)
-    rooms = [1000.0]
-    for other in made.road.vehicles[1:]:
-        theirs = made.road.of(other.station_id)
-        for n in range(first, last + 1):
-            there = n == first and abs(theirs[n].y - LANE_WIDTH) < (LANE_WIDTH + WIDTH_M) / 2
-            if there or abs(theirs[n].y - mine[n].y) < WIDTH_M:
-                rooms.append(abs(theirs[n].x - mine[n].x) - 4.5)
-    return min(rooms)
 
 
 HARM = [
@@ -215,7 +183,10 @@ def test_app_4_after_proceed_it_waits_for_a_place_and_looks(stays: bool) -> None
         assert said(on_ramp)[-1] == "gives up: a vehicle that is only seen is in the way"
         stands(drive_, on_ramp)
     else:
-        assert said(on_ramp)[-1] == "has changed lanes" and room(drive_) > LEAST_M
+        assert (
+            said(on_ramp)[-1] == "has changed lanes"
+            and room(drive_, drive_.road.vehicles[0]) > LEAST_M
+        )
         joined_ms = next(s.t for s in drive_.road.of(1) if s.x >= RAMP.joins_m) * 1000
         moved_ms = next(t for t, what in on_ramp.story if what == "moves over")
         assert 0 < moved_ms - joined_ms < WAIT_MS

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from automcm_spec.vocabulary.parameters import CLOCK_MS
+
 WINDOW_MS = 2000
 """CAMs received earlier do not count any more."""
-IN_STEP_MS = 100
-"""Clocks that differ by no more are in step (APP-6)."""
 
 Bounds = tuple[int, int]
 """The least and the greatest offset in ms."""
@@ -42,4 +42,4 @@ def bounds(cams: Iterable[tuple[int, int]], now_ms: int, delay_ms: int, drift: i
 def in_step(found: Bounds) -> bool:
     """Whether the clocks may be in step."""
     low, high = found
-    return low <= IN_STEP_MS and high >= -IN_STEP_MS
+    return low <= CLOCK_MS and high >= -CLOCK_MS

@@ -131,9 +131,7 @@ def extent_of(heard: Heard | None) -> Extent:
     """The extent that its CAM states, or the assumed one."""
     if heard is None:
         return Extent(LENGTH_M, WIDTH_M)
-    return Extent(
-        (heard.length_mm or 1000 * LENGTH_M) / 1000, (heard.width_mm or 1000 * WIDTH_M) / 1000
-    )
+    return Extent((heard.length_mm or CAR_MM[0]) / 1000, (heard.width_mm or CAR_MM[1]) / 1000)
 
 
 def tracks(

@@ -21,7 +21,7 @@ from automcm.kernels.trajectory import Floats
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import STEP_MS, SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange, Plan
-from automcm.scenarios.occupancy import HARDEST, LEAST_M, WIDTH_M, Track
+from automcm.scenarios.occupancy import HARDEST, LEAST_M, LENGTH_M, WIDTH_M, Track
 from automcm.scenarios.planning import LIMITS
 from automcm.scenarios.road import (
     LANE_WIDTH,
@@ -246,7 +246,7 @@ def made_of(drawn: Setting, without: str = "") -> tuple[SimulatedDrive, LaneChan
             unheard.append(one)
         else:
             drivers.append(unlike.get(how, LaneChange)(one))
-    binder = Binder(vehicle(9, -500.0, 7, drawn.speed, 4.5), 3)
+    binder = Binder(vehicle(9, -500.0, 7, drawn.speed, LENGTH_M), 3)
     if drawn.kind == "bound elsewhere":
         drivers.append(binder)
     ahead, after_s = drawn.cuts_in
@@ -265,7 +265,7 @@ def made_of(drawn: Setting, without: str = "") -> tuple[SimulatedDrive, LaneChan
     clock.at(BINDS_MS, binder.ask if drawn.kind == "bound elsewhere" else lambda: None)
     clock.at(SIGNAL_MS, lambda: prescriber.signal(1))
     if drawn.kind == "cuts in":
-        _cut_in(made, cutter, after_s)
+        cut_in(made, cutter, after_s, SIGNAL_MS)
     return made, prescriber
 
 
@@ -307,8 +307,11 @@ def sight(
     return occupied
 
 
-def _cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float) -> None:
-    """Let it cut in ``after_s`` after the prescriber began, unless that is over the marking."""
+def cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float, from_ms: int) -> None:
+    """Let it cut in ``after_s`` after the first vehicle began, unless that is over the marking.
+
+    ``from_ms``: when to begin looking at the first vehicle.
+    """
     own, clock = made.road.vehicles[0], made.simulation.clock
     waited = 0
 
@@ -320,13 +323,14 @@ def _cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float) -> None:
         elif own.moved_m < (LANE_WIDTH - WIDTH_M) / 2:
             cutter.change_lane(1, clock.now() / 1000)
 
-    clock.at(SIGNAL_MS, look)
+    clock.at(from_ms, look)
 
 
 def _driven(made: SimulatedDrive, prescriber: LaneChange, drawn: Setting) -> Driven:
     own = prescriber.vehicle
     words = [what for _, what in prescriber.story]
     hardest = max(0.0, -min(s.acceleration for s in made.road.samples))
+    left = room(made, own)
     return Driven(
         drawn.seed,
         drawn.kind,
@@ -335,14 +339,15 @@ def _driven(made: SimulatedDrive, prescriber: LaneChange, drawn: Setting) -> Dri
         changed=own.lane == 1 and not own.changing,
         agreed=any("is accepted" in what for what in words),
         returned=any(what.startswith("returns") for what in words),
-        room_m=_room(made, own),
+        room_m=None if left is None else round(left, 2),
         braking=0.0 if drawn.kind == "cuts in" else round(hardest, 3),
         radius_m=None if math.isinf(drawn.radius_m) else drawn.radius_m,
         sigma=drawn.sigma,
     )
 
 
-def _room(made: SimulatedDrive, own: Vehicle) -> float | None:
+def room(made: SimulatedDrive, own: Vehicle) -> float | None:
+    """The least distance to a vehicle that shared a lane with ``own`` while it changed, m."""
     mine = made.road.of(own.station_id)
     moved = [n for n, (p, q) in enumerate(pairwise(mine)) if p.y != q.y]
     if not moved:
@@ -358,7 +363,7 @@ def _room(made: SimulatedDrive, own: Vehicle) -> float | None:
             there = n in begins and abs(other.y - LANE_WIDTH) < (LANE_WIDTH + v.width) / 2
             if there or abs(other.y - mine[n].y) < width:
                 rooms.append(_apart(own.line, mine[n], other) - length)
-    return round(min(rooms), 2) if rooms else None
+    return min(rooms, default=None)
 
 
 def _apart(line: RoadLine, one: Sample, other: Sample) -> float:

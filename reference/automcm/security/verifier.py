@@ -19,10 +19,8 @@ from automcm.security.certificates import Certificate
 from automcm.security.cose import Malformed, PublicKey
 from automcm.security.envelope import Envelope
 from automcm_spec.vocabulary.messages import MAX_BYTES, Cam, Message, MessageError
-from automcm_spec.vocabulary.parameters import ParameterError, Parameters, longest_delay
+from automcm_spec.vocabulary.parameters import CLOCK_MS, ParameterError, Parameters, longest_delay
 
-CLOCK_MS = 100
-"""The largest offset between the clocks of two stations."""
 CERTIFICATES = 256
 WAITING = 32
 """Maximum number of messages that wait for the certificate of their signer."""

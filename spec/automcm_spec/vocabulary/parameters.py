@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, fields
 from typing import Final, Literal
 
 Unit = Literal["ms", "percent", "count"]
+CLOCK_MS: Final = 100
+"""The clocks of two stations are in step if they differ by no more (APP-6)."""
 Known = Mapping[str, int]
 """Known parameters and derived times by name."""
 Formula = Callable[[Known], int]
