@@ -92,6 +92,7 @@ TABLE: dict[str, Way] = {
     "automcm bench kernels": KERNELS,
     "automcm bench kernels --seconds 60": KERNELS,
     "automcm bench security --seconds 20": SIGNED,
+    "automcm bench window": MEASURED,
     "automcm bench station": MEASURED,
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,
@@ -132,6 +133,7 @@ TABLE: dict[str, Way] = {
     "automcm conform run [SELECTOR...] [--expect FILE] [--out DIR] [--json PATH] [--limit S] "
     "[--seed N] -- CMD": SYNOPSIS,
     "automcm demo": DEMO,
+    "automcm demo --close-early": DEMO,
     "automcm demo --kill B": DEMO,
     "automcm demo --loss 0.3": DEMO,
     "automcm demo --second-prescriber": DEMO,

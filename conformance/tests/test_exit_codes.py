@@ -56,6 +56,7 @@ TABLE: dict[str, Cheap | str] = {
     "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench traces": MINUTES,
+    "bench window": Cheap(["--sessions", "1"], files=(JSON,)),
     "conform certify": MINUTES,
     "conform check-adapter": Cheap(ADAPTER, files=(JSON,), slow=True),
     "conform explore": Cheap(["1", "--walks", "1", *ADAPTER], files=(OUT, JSON), slow=True),

@@ -53,7 +53,7 @@ def test_wrong_but_not_again(conform: Suite) -> None:
 
 CLAIMS = {
     "prescriber": "c['cmd'] == 'command' and c['command']['name'] in ("
-    "'request', 'prescribe', 'proceed', 'complete')",
+    "'request', 'close', 'prescribe', 'proceed', 'complete')",
     "receiver": "'planned' in c or c['cmd'] == 'command' and c['command']['name'] in ("
     "'accept', 'refuse')",
     "restart": "c['cmd'] == 'restart'",

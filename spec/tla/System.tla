@@ -89,7 +89,8 @@ Commands(s) ==
   \cup If(Bound(x),
      {Cmd("prescribe", x.session, NextProposal(x.proposal), p) : p \in Stations}
      \cup {Cmd(name, x.session, x.proposal, Nobody) : name \in {"accept", "refuse"}}
-     \cup {Cmd(name, x.session, 0, Nobody) : name \in {"proceed", "complete", "abort"}})
+     \cup {Cmd(name, x.session, 0, Nobody) :
+             name \in {"close", "proceed", "complete", "abort"}})
 
 \* Those of these names that do something: where a refused one would be a step,
 \* it is left out.

@@ -91,6 +91,7 @@ WHY = {
         "not the target",
         "not sent yet",  # the proposal that is accepted or refused
         "out of turn",  # a newer proposal
+        "last round",  # a proposal above max_rounds that would not be out of turn
     ),
     "END-6": ("seq 0", "sender", "session", "seq", "type", "nothing waits"),
     "ACT-5": ("phase", "sender", "no mark", "other mark", "older"),
@@ -309,7 +310,8 @@ def _fault(state: State, i: Input, changes: bool) -> str:
     if m.type == "Cancel" and m.reason == "closed":
         return "closed"
     if m.type == "Prescription":
-        return "out of turn"
+        taken = state.session == m.session and state.phase in ("NEGOTIATING", "ACTUATING")
+        return "out of turn" if taken else "last round"
     return "not the target" if m.src != state.target else "not sent yet"
 
 

@@ -69,6 +69,31 @@ def security(
         show_security(report, console_of())
 
 
+def window(
+    sessions: Annotated[int, typer.Option(help="Sessions at each loss.", min=1)] = 200,
+    seed: Annotated[int, typer.Option(help="The seed of the sessions.")] = 1,
+    json_: Json = None,
+) -> None:
+    """Measure the time to an agreement with the paper's window and with one that closes early.
+
+    The second closes when every known neighbour has answered (ADV-9).  Both use the same seeds, in
+    virtual time, so the figures do not depend on the machine.  There is no verdict.
+    """
+    from automcm_maintenance.benches import window_bench
+
+    with progress() as notify:
+        rows = window_bench.run(sessions, seed, notify)
+    if not write_json(json_, [row.as_dict() for row in rows]):
+        return
+    table = table_of("loss", "window", "agreed", "mean ms", "95 % within ms", "messages", "ratio")
+    for row in rows:
+        for name, of in (("fixed", row.fixed), ("early", row.early)):
+            ratio = f"{row.ratio:.1f}" if of is row.early else ""
+            mean, figures = f"{of.mean_ms:,.0f}", (f"{of.q95_ms:,}", f"{of.messages:.1f}", ratio)
+            table.add_row(f"{row.loss}%", name, f"{of.agreed:.1%}", mean, *figures)
+    console_of().print(table)
+
+
 def show(report: Report, console: Console) -> None:
     """Print the tables."""
     from automcm_maintenance.benches.core_bench import POINTS
