@@ -46,7 +46,7 @@ GROUPS = {
 }
 """For each group: its modules, each with an ``app``, and its help text."""
 _TOP = f"{_MAINTENANCE}.repository_commands"
-_ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "verify")
+_ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "prove", "verify")
 
 
 def _installed(module: str) -> bool:

@@ -1,4 +1,4 @@
-"""``automcm spec pages``, ``mutate`` and ``bench``: commands for the quality of the models.
+"""``automcm spec pages``, ``mutate``, ``prove`` and ``bench``: for the quality of the models.
 
 Each command imports only the modules that it needs.
 """
@@ -91,6 +91,36 @@ def spec_mutate(
             mutate_commands.write(report)
     if write_json(json_, mutate_commands.as_dict(report)):
         mutate_commands.show(report, console_of(110))
+    raise typer.Exit(report.exit_code)
+
+
+@app.command("prove", epilog=example("spec prove --step accept"))
+def spec_prove(
+    step: Annotated[
+        str, typer.Option(help="Only steps with this text in their name, such as 'lease'.")
+    ] = "",
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Leave this conjunct out of the invariant.  Repeatable."),
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """Prove S-1 to S-8 by an inductive invariant.
+
+    The invariant is that of Inductive.tla.  z3 proves it from the syntax tree, for any number of
+    stations, sessions, rounds and messages.  A full run takes a minute or more.  The exit code is 1
+    if an obligation is refuted, and 4 if z3 cannot decide one.
+    """
+    from automcm_maintenance.induction import prove_commands
+
+    with (
+        code_3("prove", *prove_commands.FAULTS),
+        usage(prove_commands.Usage),
+        progress() as notify,
+    ):
+        report = prove_commands.run(without or [], step, notify)
+    if write_json(json_, report.as_dict()):
+        prove_commands.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
 

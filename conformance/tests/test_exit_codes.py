@@ -85,6 +85,7 @@ TABLE: dict[str, Cheap | str] = {
     "spec list": Cheap([], files=(JSON,)),
     "spec mutate": TLC,
     "spec pages": TLC,
+    "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
     "spec simulate": TLC,
     "spec worker": TLC,
     "station": SERVES,

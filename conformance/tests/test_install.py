@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-NO_COMMAND = {"all", "dev", "docs", "mutate"}
+NO_COMMAND = {"all", "dev", "docs", "mutate", "prove"}
 """The other extras together (test_wheel.py), and those that only a clone can use."""
 STATION = {
     *("automcm", "numpy", "pydantic", "python-statemachine"),

@@ -30,6 +30,7 @@ main()
 """
 NEED_REPOSITORY = (
     *("verify", "generate", "bench", "spec bench", "spec pages", "spec mutate"),
+    "spec prove",
     "conform certify",
 )
 

@@ -24,7 +24,7 @@ LAYERS = {
     "automcm_evaluation": "framework arrival bandwidth comfort loss safety sweeps",
     "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
     "automcm_cli": "shared conform reference spec trace",
-    "automcm_maintenance": "corpus documents spec_mutation code_mutation benches verify",
+    "automcm_maintenance": "corpus documents spec_mutation induction code_mutation benches verify",
 }
 """The subpackages of each package; each may import those before it.  Top-level modules may import
 all."""
@@ -37,7 +37,9 @@ BEGIN = {
         "protocol exchange monitor graph_cases explore live graph_comparison report vectors"
     ),
     "automcm_cli": "common conform station_commands spec_commands trace_commands",
-    "automcm_maintenance": "corpus generated_files mutants certificate conform_bench verify",
+    "automcm_maintenance": (
+        "corpus generated_files mutants proof certificate conform_bench verify"
+    ),
 }
 """The module of each subpackage with which to begin to read."""
 # Modules without protocol logic: those about the operating system, and the vocabulary.

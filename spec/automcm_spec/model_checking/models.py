@@ -37,6 +37,7 @@ PROPERTIES = {
     "N-1": "N1Prop",
     "N-2": "N2Prop",
     "N-3": "N3Prop",
+    "I-1": "Inv",
     "L-1": "EndsProp",
     "L-2": "CompletesProp",
     "L-3": "SilenceProp",
