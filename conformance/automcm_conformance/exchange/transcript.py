@@ -8,7 +8,7 @@ from automcm_conformance.adapter.protocol import Object, ProtocolError, read_ans
 from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Step
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.exchange.wire import Expected
+from automcm_conformance.exchange.wire import SOON_MS, Expected
 from automcm_traces.checker.finding import Finding
 
 
@@ -108,10 +108,18 @@ def answerable(found: Finding) -> list[str]:
     return [w for w in found.expected if not w.startswith(("arm ", "stop "))]
 
 
+def _is_preparation(command: Object, n: int) -> bool:
+    if command["cmd"] == "durations":
+        return all(ms >= SOON_MS for ms in command["durations"].values())
+    return bool(command["cmd"] == "reset") and n == 0
+
+
 def exchange(steps: list[Step]) -> list[Line]:
-    """Both sides, line by line, without lines that only set durations or reset the station."""
+    """Both sides, line by line, without the first reset and lines that only keep timers long."""
     lines = []
-    for step in steps:
+    for n, step in enumerate(steps):
+        if _is_preparation(step.command, n) and step is not steps[-1]:
+            continue
         lines.append(Line(step.now, "kit", said(step.command)))
         silent = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
         if step.answer and not silent:

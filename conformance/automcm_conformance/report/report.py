@@ -17,6 +17,7 @@ from automcm_conformance.exchange.results import (
     FORMAT,
     VERDICTS,
     CaseResult,
+    Cause,
     Failure,
     Level,
     Report,
@@ -50,6 +51,8 @@ MEANING: dict[Verdict, str] = {
     "ERROR": "The kit or the adapter failed: its process exited, or an answer was late or invalid.",
 }
 TOTALS = ("transitions", "refusals", "rules")
+NAMED = 5
+"""A cause names at most this many other cases."""
 MAX_PAGES = 20
 """A run has at most this many pages; further cases have logs only."""
 LIMIT = 4000
@@ -136,6 +139,8 @@ def html(reports: list[Report]) -> str:
         kinds=_ordered({kind for r in reports for pairs in r.graphs.values() for kind in pairs}),
         matrices=[matrix(report) for report in reports],
         rows=groups(reports),
+        about=about,
+        seen_in=seen_in,
         conformance=conformance,
         levels=levels,
         share=share,
@@ -261,9 +266,14 @@ def _count(number: int, what: str) -> str:
 def _junit(report: Report) -> JUnitXml:
     """The report as JUnit XML, in which only unexpected verdicts are failures or errors.
 
-    Cases are run together, so only the whole run has a time in seconds.
+    A case that was not reached (INCONC) is skipped.  The cases of a graph are run together; the
+    time of each, in seconds, is its share.
     """
-    who = report.implementation
+    who, found = report.implementation, report.causes
+    named: dict[str, str] = {}
+    for n, cause in enumerate(found, 1):
+        for id_ in cause.cases:
+            named.setdefault(id_, f"cause {n} of {len(found)}, {cause.shown.rule}")
     suites: dict[str, TestSuite] = {}
     for case in report.cases:
         name = visible(case.id.rpartition("/")[0] or case.id)
@@ -273,8 +283,9 @@ def _junit(report: Report) -> JUnitXml:
                 suites[name].timestamp = report.started
             suites[name].add_property("implementation", visible(f"{who.name} {who.version}"))
             suites[name].add_property("specification", visible(report.spec_hash))
-        test = TestCase(visible(case.id), name.replace("/", "."))
-        if result := _junit_result(case):
+        time = report.case_seconds.get(case.id)
+        test = TestCase(visible(case.id), name.replace("/", "."), time)
+        if result := _junit_result(case, named.get(case.id, "")):
             test.result = result
         suites[name].add_testcase(test)
     xml = JUnitXml("AutoMCM conformance")
@@ -285,11 +296,14 @@ def _junit(report: Report) -> JUnitXml:
     return xml
 
 
-def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
-    """The result of a case; None if it passed."""
+def _junit_result(case: CaseResult, cause: str) -> Skipped | Failed | Error | None:
+    """The result of a case; None if it passed. ``cause`` is the cause that it shows."""
     if case.expected:
         return None if case.verdict == "PASS" else Skipped(why(case), case.verdict)
-    result = (Error if case.verdict in ("INCONC", "ERROR") else Failed)(why(case), case.verdict)
+    if case.verdict == "INCONC":
+        return Skipped(why(case), case.verdict)
+    text = f"{cause}: {why(case)}" if cause else why(case)
+    result = (Error if case.verdict == "ERROR" else Failed)(text, case.verdict)
     result.text = as_text(case)
     return result
 
@@ -314,9 +328,30 @@ def as_text(case: CaseResult) -> str:
     return "\n\n".join([about, *(_failure_text(failure) for failure in case.failures)])
 
 
+def about(failure: Failure) -> list[str]:
+    """What is wrong, in lines: the rule, the difference, the place and guard that decided."""
+    lines = [f"{failure.rule}: {failure.rule_text}", failure.what]
+    if failure.operator:
+        guard = f": {failure.guard}" if failure.guard else ""
+        lines.append(f"Station.tla, line {failure.line}: {failure.operator}{guard}")
+    elif failure.guard:
+        lines.append(failure.guard)
+    lines += [f"The station answers as if {failure.as_if}"] if failure.as_if else []
+    return lines + ([f"Expected timer: {failure.timer}"] if failure.timer else [])
+
+
+def seen_in(cause: Cause) -> str:
+    """How often a cause was seen, and in which cases."""
+    others = [name for name in cause.cases if name != cause.case]
+    if not others:
+        return f"Seen {_count(cause.failures, 'time')}, in this case only"
+    more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+    shown = ", ".join(others[:NAMED])
+    return f"Seen {_count(cause.failures, 'time')}, also in {shown}{more}"
+
+
 def _failure_text(failure: Failure) -> str:
-    place = f" (Station.tla line {failure.line}, {failure.operator})" if failure.operator else ""
-    lines = [f"{failure.rule}{place}: {failure.rule_text}", failure.what]
+    lines = about(failure)
     lines += ["Expected one of", *(f"  {text}" for text in failure.allowed)]
     lines += ["Received", *(f"  {text}" for text in failure.came), "Exchange"]
     lines += [f"  {line.now:>8} ms  {line.who:<7}  {line.text}" for line in failure.exchange]

@@ -13,6 +13,7 @@ from functools import cache
 from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
+from automcm_conformance.exchange.answers import Problem
 from automcm_conformance.exchange.exchange import Broken, Mismatch
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import scripts, session_cases
@@ -167,7 +168,7 @@ def cam_rate(fresh: Fresh) -> Played:
             period = x.parameters["t_cam"]
             if len(times) < 10 or any(abs(gap - period) > period / 2 for gap in gaps):
                 text = f"expected a CAM every {period} ms, got CAMs at {times} ms"
-                raise Mismatch(x.done, [("cams", text)])
+                raise Mismatch(x.done, [Problem("cams", text, "interval of CAMs")])
             yield x
 
 
@@ -192,7 +193,7 @@ def back_off(fresh: Fresh) -> Played:
         elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
             text = f"a back-off of {lasts} ms for every seed"
         if text:
-            raise Mismatch(x.done, [("deadline", text)])
+            raise Mismatch(x.done, [Problem("deadline", text, "back-off")])
         x.clock.learn(("backoff",), x.now + lasts)
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])
@@ -234,11 +235,12 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 
 def graph(case: str, one: Oracle) -> Oracle:
     """The graph that judges a case: ``one``, or that of two peers."""
-    return _two_peers(one.spec_hash) if case.startswith(TWO) else one
+    return two_peers(one.spec_hash) if case.startswith(TWO) else one
 
 
 @cache
-def _two_peers(spec_hash: str) -> Oracle:
+def two_peers(spec_hash: str) -> Oracle:
+    """The graph of two peers, read once in a process."""
     return load(TWO_PEERS.path, spec_hash)
 
 

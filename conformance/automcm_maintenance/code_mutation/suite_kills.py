@@ -69,6 +69,7 @@ def kills(
         return Kills(what=str(error), unstarted=getattr(error, "exit_code", None) or 0)
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.runs, runner.starts = enough, RUNS, STARTS
+    runner.confirms = False  # a mutant is deterministic, and each takes a new process
     last = [purpose for purpose in purposes if purpose.case in scenario_cases.NAMES]
     late = False
     try:
