@@ -10,6 +10,7 @@ from report_stage import case, failure, run
 from suite_stage import Suite
 from suite_stage import conform as conform
 from test_terminal_report import printed
+from wrong_station import station
 
 from automcm_conformance.exchange import deciding
 from automcm_conformance.exchange.results import KEPT, Report
@@ -84,3 +85,27 @@ def test_a_field_is_one_cause_whatever_decided() -> None:
         each.operator, each.difference = f"On{n}", "Ack.of.seq" if n < 2 else "Ack missing"
     found = run(*(case(f"AMCM/RCV/NEG/BI-0{n}", "FAIL", failures=[w]) for n, w in enumerate(wrong)))
     assert [(c.failures, len(c.cases)) for c in found.causes] == [(2, 2), (1, 1)]
+
+
+def test_a_malformed_message_is_shown_alone_and_with_its_fault(conform: Suite) -> None:
+    code = """
+def answer(c):
+    out = right(c)
+    if received(c, "Fin") and "seq" not in c["message"]:
+        out["indications"] = []
+    return out
+"""
+    found = conform(station(code), "AMCM/STA/END/BI-22", states=60)
+    (cause,) = found.causes
+    said = [line.text for line in cause.shown.exchange]
+    assert len(said) <= LINES and said[-2].endswith("; malformed: Fin with seq left out")
+    report.write_pages(found, conform.folder / "report")
+    page = (conform.folder / "report" / found.cases[0].page).read_text()
+    assert "The verdict is that of the kit" in page and "DIVERGES" in page
+
+
+def test_a_slow_adapter_is_named(conform: Suite) -> None:
+    slow = "def answer(c):\n    time.sleep(0.03)\n    return right(c)"
+    found = conform(station(slow), "AMCM/RCV/ADV/TI-03", states=60)
+    assert found.notes and "ms an answer" in found.notes[0] and found.exit_code == 0
+    assert "Note: the adapter is slow" in printed(lambda c: terminal_report.summary(found, c))

@@ -50,6 +50,7 @@ while True:
 """It answers when there is nothing left to read."""
 
 
+@pytest.mark.slow
 def test_the_line_of_a_crash_is_shown_though_the_adapter_batches(conform: Suite) -> None:
     found = conform(station(BATCHES), BUSY, ACCEPTS, states=60)
     case = of(found, BUSY)

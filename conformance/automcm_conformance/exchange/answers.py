@@ -108,9 +108,9 @@ def _marked(expected: Expected, cam: dict[str, Json]) -> bool:
 
 def _marks_at(expected: Expected, due: int) -> list[Json]:
     """The marks that a CAM may have that is due then: at the time of a change, either (ACT-5)."""
-    until = [*expected.marks_since[1:], due]
-    if len(until) != len(expected.marks):
+    if len(expected.marks_since) != len(expected.marks):
         return expected.marks  # of a replay file without times
+    until = [*expected.marks_since[1:], due]
     periods = zip(expected.marks, expected.marks_since, until, strict=True)
     return [marks for marks, since, end in periods if since <= due <= end] or expected.marks[:1]
 

@@ -67,6 +67,8 @@ class Step:
     next_timer: Timer | None = None
     """The timer whose deadline is expected in the answer."""
     answer: bytes = b""
+    fault: str = ""
+    """What is wrong with a malformed message, in words."""
     effects: list[Effects] = field(default_factory=list)
     """The effects of each of ``pairs``, if the exchange is logged."""
 
@@ -221,10 +223,11 @@ class Exchange:
         self.state, self.clock = 0, Clock()
         self._queue(self._reset)
 
-    def malformed(self, message: Json) -> None:
-        """Send a malformed message: the station discards it in every phase (END-5)."""
+    def malformed(self, message: Json, fault: str) -> None:
+        """Send a malformed message: the station discards it in every phase (END-5). ``fault``: in
+        words."""
         expected = Expected("END-5", indications=[{"name": "discarded"}])
-        self._queue({"cmd": "receive", "message": message}, expected)
+        self._queue({"cmd": "receive", "message": message}, expected, fault)
 
     def expire(self, i: int) -> None:
         """Advance to the deadline of this timer. Resends may fire on the way. Raises Infeasible if
@@ -438,10 +441,12 @@ class Exchange:
             effects.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
             step.effects.append(effects)
 
-    def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
+    def _queue(
+        self, command: dict[str, Json], expected: Expected | None = None, fault: str = ""
+    ) -> None:
         """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
-        step = Step(self.now, command | timed, expected or Expected())
+        step = Step(self.now, command | timed, expected or Expected(), fault=fault)
         step.before = self.state
         self._expect(step)
 

@@ -196,6 +196,8 @@ class Report:
     """Problems that are not about one case: a process that ignored ``stop``, an interrupted run."""
     started: str = ""
     seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    """Remarks on the run that affect no verdict, such as that the adapter is slow."""
     case_seconds: dict[str, float] = field(default_factory=dict)
     """The time of each case; the cases of a graph share that of their tours."""
     broke: bool = False

@@ -120,7 +120,8 @@ def exchange(steps: list[Step]) -> list[Line]:
     for n, step in enumerate(steps):
         if _is_preparation(step.command, n) and step is not steps[-1]:
             continue
-        lines.append(Line(step.now, "kit", said(step.command)))
+        fault = f"; malformed: {step.fault}" if step.fault else ""
+        lines.append(Line(step.now, "kit", f"{said(step.command)}{fault}"))
         silent = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
         if step.answer and not silent:
             lines.append(Line(step.now, "station", answered(step.answer)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
@@ -26,9 +27,12 @@ from automcm_conformance.exchange.results import (
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.support.templates import environment
+from automcm_traces.checker.finding import At, Finding, Why
+from automcm_traces.format.log import TimerEnd
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
+from automcm_traces.viewer.page_run import Run
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
@@ -55,6 +59,7 @@ NAMED = 5
 """A cause names at most this many other cases."""
 MAX_PAGES = 20
 """A run has at most this many pages; further cases have logs only."""
+INPUTS = ("receive", "command", "restart")
 LIMIT = 4000
 """At most this many characters of a text are shown; report.json has all."""
 _REPORT = TypeAdapter(Report)
@@ -92,13 +97,30 @@ def write_pages(report: Report, folder: Path) -> None:
         except (BadInput, PageError):
             continue  # the log itself is kept
         if not several and page.runs[0].verdicts[0].verdict == "allowed":
-            page.title = f"{case.id}, until the failure"  # not every failure shows in a log
-            what = case.failures[0].what if case.failures else case.reason
-            page.note = f"The log is allowed to its end. After it, {case.verdict}: {what}"
+            _judge_by_kit(page.runs[0], case)
+            page.note = "The verdict is that of the kit: the log does not show what is wrong."
         page.runs[0].renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
         files.write(path, page_.html(page))
         case.page = path.relative_to(folder).as_posix()
+
+
+def _judge_by_kit(run: Run, case: CaseResult) -> None:
+    """Set the verdict of the kit at the last input of a log, where the page then opens."""
+    (log,), verdict = run.logs, run.verdicts[0]
+    inputs = [line for line, event in log.events if event.ev in INPUTS]
+    expiries = [line for line, event in log.events if isinstance(event, TimerEnd)]
+    line = max([*inputs, *expiries], default=verdict.finding.at.line)
+    shown = case.failures[0] if case.failures else None
+    found = Finding(
+        "unexpected",
+        shown.rule if shown else case.rules[0],
+        at=At(verdict.file, line),
+        expected=tuple(shown.allowed) if shown else (),
+        observed=f"{case.verdict}: {shown.what if shown else case.reason}",
+        why=Why(shown.guard if shown else ""),
+    )
+    run.verdicts[0] = replace(verdict, finding=found)
 
 
 def load(path: Path) -> Report:

@@ -59,6 +59,8 @@ def summary(report: Report, console: Console, folder: Path | None = None) -> Non
     console.print(Text(sentence, style))
     for problem in report.problems:
         console.print(Text("Problem: ", "red") + _text(problem))
+    for note in report.notes:
+        console.print(_text(f"Note: {note}"))
     console.print()
     _causes(report, console)
     console.print(_counts(report))

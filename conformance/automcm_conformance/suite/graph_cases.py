@@ -79,7 +79,7 @@ class Runner:
     ) -> None:
         self.adapter = adapter
         self.seed = seed
-        self.notify = notify
+        self._notify = notify
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
@@ -108,6 +108,11 @@ class Runner:
         """The station is assumed to number its sessions one by one."""
         self.features = frozenset[str](adapter.hello.features)
         self.fixed: dict[str, int] = {str(k): v for k, v in adapter.hello.fixed.items()}
+
+    def notify(self, text: str) -> None:
+        """Show the progress, and a hint if the adapter is slow."""
+        hint = self.adapter.slowness
+        self._notify(f"{text}; {hint}" if hint else text)
 
     @property
     def timed(self) -> bool:
@@ -229,6 +234,8 @@ class Runner:
             if tour is not None:
                 self._start(run, tour)
                 self.adapter.pump()
+                if self.adapter.slowness:
+                    self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
             if tour is None or run.lines >= BULK:
                 self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
                 self._judge_sent(run)

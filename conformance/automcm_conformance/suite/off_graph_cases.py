@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
 from automcm_conformance.exchange.answers import Problem
-from automcm_conformance.exchange.exchange import Broken, Mismatch
+from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import scripts, session_cases
 from automcm_conformance.suite.malformed_messages import edge_cases, invalid
@@ -103,18 +103,31 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     script, good, _ = scripts.RECEIVED[type_]
     x = fresh(USUAL)
     play(x, script)
-    names: dict[bytes, str] = {}
     for what, message in invalid(x.wire.command(good, x.now)["message"]):
-        x.malformed(message)
-        names[x.unwritten_lines[-1]] = f"{type_} with {what}"
+        x.malformed(message, f"{type_} with {what}")
     try:
         x.flush()
     except (Mismatch, Broken) as error:
-        error.args = (f"{names.get(error.steps[-1].line, type_)}: {error}",)
-        raise
+        wrong = _alone(fresh, script, error.steps[-1]) or error
+        wrong.args = (f"{wrong.steps[-1].fault or type_}: {wrong}",)
+        raise wrong from None
     x.give(number(x, good))
     x.flush()
     yield x
+
+
+def _alone(fresh: Fresh, script: Script, step: Step) -> Mismatch | Broken | None:
+    """The failure if this malformed message is the only one; None if there is none."""
+    if not step.fault:
+        return None
+    x = fresh(USUAL)
+    try:
+        play(x, script)
+        x.malformed(step.command["message"], step.fault)
+        x.flush()
+    except (Mismatch, Broken) as error:
+        return error
+    return None
 
 
 def bounds(fresh: Fresh, type_: str) -> Played:

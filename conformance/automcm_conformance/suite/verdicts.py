@@ -111,6 +111,7 @@ def report(
         runner.seed,
         list(selectors),
         problems,
+        notes=list(filter(None, [runner.adapter.slowness])),
         case_seconds={name: round(s, 3) for name, s in runner.case_seconds.items() if s},
         broke=runner.broke,
     )
