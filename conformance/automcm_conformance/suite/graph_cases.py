@@ -51,8 +51,9 @@ BULK = 1_000
 STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
 CRASHES = ("crash", "closed")
-FIRST, SHARE = 30, 25
-"""``--quick`` drives the first pairs of a case that must change nothing, and one in SHARE."""
+FIRST, SHARES = 30, {False: 35, True: 5}
+"""``--quick`` drives the first pairs of a case, and one in so many of the others, by whether they
+change something."""
 NEAR = 4
 """An exchange with more inputs is compared with the shortest way to its last one."""
 ATTEMPTS = 3
@@ -98,8 +99,7 @@ class Runner:
         self.runs, self.starts = RUNS, STARTS
         """Exchanges tried in order to shorten one, and one that ends in a crash."""
         self.quick = False
-        """Of the pairs that must change nothing, only some of each case are driven; cases of two
-        peers and scenarios are omitted."""
+        """Only some pairs of each case are driven; cases of two peers and scenarios are omitted."""
         self.case_seconds: dict[str, float] = {}
         """The real time of each case."""
         self.confirms = True
@@ -198,7 +198,7 @@ class Runner:
             part.totals["transitions" if answer.changes else "refusals"] += 1
             tally.total += 1
             why = unfit or missing_feature[answer.input] or self._limited(oracle, answer)
-            if self.quick and not why and not answer.changes and not _is_sampled(tally, answer):
+            if self.quick and not why and not _is_sampled(tally, answer):
                 why = WHOLE
             if why:
                 tally.skipped[why] += 1
@@ -544,9 +544,9 @@ class Runner:
 
 
 def _is_sampled(tally: Tally, answer: Answer) -> bool:
-    """Whether ``--quick`` drives a pair that must change nothing: the first of a case, and some of
-    the others."""
-    return tally.total <= FIRST or (answer.state + answer.input) % SHARE == 0
+    """Whether ``--quick`` drives a pair: the first of a case, and some of the others."""
+    share = SHARES[answer.changes]
+    return tally.total <= FIRST or (answer.state + answer.input) % share == 0
 
 
 def _nearer(
