@@ -109,3 +109,18 @@ def test_a_slow_adapter_is_named(conform: Suite) -> None:
     found = conform(station(slow), "AMCM/RCV/ADV/TI-03", states=60)
     assert found.notes and "ms an answer" in found.notes[0] and found.exit_code == 0
     assert "Note: the adapter is slow" in printed(lambda c: terminal_report.summary(found, c))
+
+
+def test_act_5_a_cam_that_was_due_before_has_no_new_mark(conform: Suite) -> None:
+    code = """
+def answer(c):
+    out = right(c)
+    for cam in out.get("cams", []):
+        cam["marks"] = [list(mark) for mark in state().marks]
+    return out
+"""
+    found = conform(station(code), "AMCM/STA/ADV/BV-02", states=60)
+    assert (
+        found.counts["FAIL"] == 1 and "CAM.marks: expected [] at 1100 ms" in found.cases[0].reason
+    )
+    assert found.causes[0].shown.rule == "ACT-5"

@@ -164,7 +164,7 @@ def replay(
     if write_json(json_, {"case": about["case"], "verdict": verdict, "what": what}):
         console = console_of()
         sent = sum(1 for step in steps if step.answer) + unanswered
-        for line in exchange(steps[:sent]):
+        for line in exchange(steps[:sent], complete=True):
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
             )

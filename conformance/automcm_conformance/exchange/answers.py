@@ -17,6 +17,8 @@ from automcm_spec.vocabulary.messages import same
 Json = Any
 _FIELDS = Answer.model_fields.keys()
 _NEEDED = {name for name, field in Answer.model_fields.items() if field.is_required()}
+MARKS = "CAM.marks"
+"""The kind of a problem with the marks of a CAM."""
 _TRUTHS = ("Acceptance", "Advertisement")
 """Messages that may hold a truth value."""
 
@@ -244,7 +246,7 @@ def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
         return []
     wanted, due = _marks_at(expected, cam["generation_ms"])[0], cam["generation_ms"]
     text = f"CAM.marks: expected {wanted} at {due} ms, got {cam.get('marks')}"
-    return [Problem("cams", text, "CAM.marks")]
+    return [Problem("cams", text, MARKS)]
 
 
 def are_marks(wanted: list[Json], found: Json) -> bool:

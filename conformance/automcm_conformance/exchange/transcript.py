@@ -114,11 +114,13 @@ def _is_preparation(command: Object, n: int) -> bool:
     return bool(command["cmd"] == "reset") and n == 0
 
 
-def exchange(steps: list[Step]) -> list[Line]:
-    """Both sides, line by line, without the first reset and lines that only keep timers long."""
+def exchange(steps: list[Step], *, complete: bool = False) -> list[Line]:
+    """Both sides, line by line; unless ``complete``, without the first reset and lines that only
+    keep timers long."""
     lines = []
     for n, step in enumerate(steps):
-        if _is_preparation(step.command, n) and step is not steps[-1]:
+        hidden = not complete and _is_preparation(step.command, n)
+        if hidden and step is not steps[-1]:
             continue
         fault = f"; malformed: {step.fault}" if step.fault else ""
         lines.append(Line(step.now, "kit", f"{said(step.command)}{fault}"))

@@ -8,6 +8,8 @@ from time import monotonic
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import DEFAULTS, ProtocolError, Refused
+from automcm_conformance.exchange.answers import MARKS
+from automcm_conformance.exchange.confirmation import in_fresh_process
 from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_pair
 from automcm_conformance.exchange.exchange import (
     Broken,
@@ -21,7 +23,6 @@ from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shorten
 from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
-from automcm_conformance.suite.confirmation import in_fresh_process
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
@@ -537,7 +538,9 @@ class Runner:
         decided = Deciding(purpose.rules[0] if purpose else "")
         if pair is not None and part.oracle.answer(*pair) is not None:
             decided = deciding(part.oracle, error, pair)
-        if purpose is not None and isinstance(error, Mismatch) and error.parts == {"cams"}:
+        if isinstance(error, Mismatch) and error.problems[0].kind == MARKS:
+            decided = Deciding("ACT-5")
+        elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
         found = finding(error, decided.rule, why, unconfirmed=unconfirmed)
         return Fault(found, error, decided, unconfirmed)
