@@ -179,7 +179,9 @@ class Runner:
         """Test these pairs of a graph. Their time is shared by the cases they belong to."""
         before = {name: tally.reached for name, tally in self.tallies.items()}
         started = monotonic()
-        self.tour(self.plan(part, answers, owners))
+        run = self.plan(part, answers, owners)
+        self.tour(run)
+        run.tours.end()
         driven = {n: tally.reached - before[n] for n, tally in self.tallies.items()}
         each = (monotonic() - started) / max(1, sum(driven.values()))
         for name, pairs in driven.items():

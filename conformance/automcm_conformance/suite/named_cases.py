@@ -3,6 +3,7 @@ and because equal lines must get equal answers."""
 
 from __future__ import annotations
 
+import gc
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from automcm_conformance.suite import off_graph_cases as special_
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Part, Tally
+
+COLLECT = 50
+"""Garbage is collected after so many exchanges."""
 
 
 def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
@@ -35,6 +39,8 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     try:
         for x in special_.exchanges(purpose.case, fresh):
             count += x is not None
+            if count % COLLECT == 0:
+                gc.collect()  # finished exchanges hold themselves
             infeasible += x is None
             steps = steps or (x.done if x is not None else [])
     except (Mismatch, Broken) as error:
