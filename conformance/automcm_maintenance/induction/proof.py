@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AnySet
 from dataclasses import dataclass
+from itertools import chain, product
 from typing import NamedTuple
 
 import z3  # type: ignore[import-untyped]
@@ -215,13 +216,26 @@ class Prover:
                     more = [*guards, member.guard]
                     yield from self._action(e, node.args[0], chosen, more, label)
         elif node.op in ("\\land", "$ConjList") and not any(map(_is_assignment, node.args)):
-            *first, last = node.args
-            more = [*guards, *(e.value(arg, env) for arg in first)]
-            yield from self._action(e, last, env, more, name)
+            actions = [arg for arg in node.args if self._is_action(arg)]
+            more = [*guards, *(e.value(arg, env) for arg in node.args if arg not in actions)]
+            ways = [list(self._action(e, arg, env, more, name)) for arg in actions]
+            for parts in product(*ways):
+                after = {var: value for part in parts for var, value in part.after.items()}
+                yield Transition(parts[0].name, all_of(part.guard for part in parts), after)
+        elif _is_assignment(node):
+            after = {node.args[0].args[0].name: e.value(node.args[1], env)}
+            yield Transition(name, all_of(guards), after)
         elif node.op == "$ConjList":
             yield Transition(name, all_of(guards), _assigned(e, node, env))
         else:
             raise ValueError(f"{node.at}: not a form of action that can be proved")
+
+    def _is_action(self, node: Node) -> bool:
+        """Whether it speaks of the next state."""
+        inside = [node.args, [body for _, body in node.bounds]]
+        if node.op == "call":
+            inside.append([self.spec.operators[node.name].body])
+        return node.op == "'" or any(map(self._is_action, chain(*inside)))
 
 
 def _assigned(e: Evaluator, node: Node, env: Env) -> dict[str, Value]:
