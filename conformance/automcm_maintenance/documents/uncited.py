@@ -52,6 +52,7 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
             "I-1",
             *_OF_ONE,
             *(f"L-{n}" for n in range(1, 5)),
+            "P-1",
             "R-1",
             "R-2",
             "T-6",
@@ -66,7 +67,7 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
     ("counterexample", ("ACT-1", *KINEMATIC), _TRAJECTORY),
     (
         "test",
-        ("L-2", "L-3", "R-1", "R-2", *_OF_ONE, "T-7"),
+        ("L-2", "L-3", "P-1", "R-1", "R-2", *_OF_ONE, "T-7"),
         "only checked by TLC; its must-fail model shows that the check can fail",
     ),
     *((column, tuple(APPLICATION), _APPLICATION) for column in _ABOVE),
