@@ -227,7 +227,7 @@ def a_late_copy_opens_the_session_again() -> None:
     RULES["receive Advertisement"] = tuple(row for row in rows if row.rule != "ADV-8")
 
 
-@cause("ACT-4", "LeaseRuns", "expected lease")
+@cause("ACT-4", "OnExpiry", "(lease), got")
 def lease_counted_from_the_prescription() -> None:
     prescribed_ms = [0]
 

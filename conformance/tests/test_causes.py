@@ -19,7 +19,7 @@ from automcm_spec.vocabulary.station import CONDITIONS
 
 CASES = {
     "lease_counted_from_the_prescription": ("AMCM/RCV/NEG/TI-02", "ACT-4"),
-    "an_ack_without_seq": ("NEG-1", "END-3"),
+    "an_ack_without_seq": ("AMCM/RCV/NEG/BV-01", "AMCM/PRE/ADV/BI-02"),
     "no_ack_of_a_copy": ("NEG-1", "ACT-4"),
     "an_old_cam_counts": ("ACT-5", "ACT-2"),
     "proposal_off_by_one": ("NEG-1", "NEG-3"),

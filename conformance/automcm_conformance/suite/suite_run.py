@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -54,7 +54,6 @@ def conform(
         with uncollected():
             if any(purpose.select for purpose in purposes):
                 tours(runner, graphs)
-                graphs.forget_pairs()
                 if not quick:
                     named_cases.samples(runner, folder)
             special(runner, graphs, purposes, folder)
@@ -87,26 +86,26 @@ class Graphs:
     """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
     of the others. Runs may share them. Raises OracleError, here or later."""
 
-    def __init__(self, one: Oracle) -> None:
+    def __init__(self, one: Oracle, shared: bool = False) -> None:
         self.one = one
         self.owners = Owners(load_purposes())
+        self._shared = shared
         self._pairs: dict[frozenset[str], list[Answer]] = {}
 
     @classmethod
-    def load(cls, spec_hash: str) -> Graphs:
-        """The hash of the specification that the graphs were made from."""
+    def load(cls, spec_hash: str, *, shared: bool = False) -> Graphs:
+        """``spec_hash``: of the specification that the graphs were made from. ``shared``: several
+        runs use them, so that the pairs are kept in memory."""
         with uncollected():
-            return cls(load(ONE_PEER.path, spec_hash))
+            return cls(load(ONE_PEER.path, spec_hash), shared)
 
-    def pairs(self, rules: frozenset[str]) -> list[Answer]:
+    def pairs(self, rules: frozenset[str]) -> Iterable[Answer]:
         """The pairs of ``one`` that these rules decide."""
+        if not self._shared:
+            return self.one.decided_by(rules)
         if rules not in self._pairs:
             self._pairs[rules] = list(self.one.decided_by(rules))
         return self._pairs[rules]
-
-    def forget_pairs(self) -> None:
-        """Free the memory of the pairs, if no other run needs them."""
-        self._pairs.clear()
 
     @cached_property
     def two(self) -> Oracle:
@@ -132,10 +131,10 @@ class Graphs:
 def tours(runner: Runner, graphs: Graphs) -> None:
     """Test the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
-    third = [] if runner.quick else [a for a in graphs.third if a.effect.rule in rules]
     limits = graphs.limits if "MEM-1" in rules else []
     runner.graph(Part("one-peer", graphs.one), graphs.pairs(rules), owners)
     if not runner.quick:
+        third = [answer for answer in graphs.third if answer.effect.rule in rules]
         runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
     runner.graph(Part("tight, MEM-1", graphs.tight), limits, owners)
 

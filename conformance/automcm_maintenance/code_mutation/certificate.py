@@ -158,7 +158,7 @@ class _Worker:
         children.end_with_parent()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent terminates this process
         signal.signal(signal.SIGTERM, _end)
-        cls.graphs = Graphs.load(spec_hash())
+        cls.graphs = Graphs.load(spec_hash(), shared=True)
 
 
 def _end(*_: object) -> None:
