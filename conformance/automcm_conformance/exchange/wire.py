@@ -58,6 +58,8 @@ def long(soonest: str = "") -> dict[str, int]:
 
 
 ODD_SEQ = 77
+POINTS = 1_000
+"""The points of a long trajectory; with these values its message fits a datagram."""
 BEFORE_MS = 150
 """The age of a CAM that would not be newer than the first."""
 STEP_MS = 100
@@ -163,7 +165,7 @@ class Wire:
         """A trajectory that no other session, proposal or use has."""
         points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
         if self.rich:
-            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, 60)]
+            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, POINTS - 1)]
         return {"t0": 10 * session[1] + k, "points": points}
 
     def session(self, s: Session) -> list[int]:

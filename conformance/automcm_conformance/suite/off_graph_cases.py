@@ -15,9 +15,9 @@ from itertools import pairwise
 from automcm_conformance.adapter.protocol import read_answer
 from automcm_conformance.exchange.answers import Problem
 from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
-from automcm_conformance.suite import scripts, session_cases
-from automcm_conformance.suite.malformed_messages import edge_cases, invalid
+from automcm_conformance.suite import quantity_cases, scripts, session_cases
 from automcm_conformance.suite.scripted import Fresh, Played, inputs, number, play, played
 from automcm_conformance.suite.scripts import (
     REQUEST,
@@ -31,6 +31,7 @@ from automcm_conformance.suite.scripts import (
     With,
     expire,
 )
+from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import TWO_PEERS
 from automcm_spec.vocabulary.messages import RELIABLE
@@ -235,6 +236,7 @@ _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable
     "bounds": (bounds, _received),
     "content": (content, scripts.CONTENT.__getitem__),
     "sessions": (session_cases.pairs, session_cases.scripts),
+    "quantity": (quantity_cases.exchanges, quantity_cases.scripts),
 }
 """The function and the scripts of a case, by its first word."""
 _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
@@ -247,7 +249,9 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 
 
 def graph(case: str, one: Oracle) -> Oracle:
-    """The graph that judges a case: ``one``, or that of two peers."""
+    """The graph that judges a case: ``one``, that of two peers, or one that grows."""
+    if case.startswith("quantity "):
+        return GrowingGraph(one.spec_hash)
     return two_peers(one.spec_hash) if case.startswith(TWO) else one
 
 

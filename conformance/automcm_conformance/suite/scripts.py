@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias, get_args
 
 from automcm_conformance.adapter.protocol import DEFAULTS
+from automcm_conformance.exchange.malformed_messages import named_by_acks
 from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
-from automcm_conformance.suite.malformed_messages import named_by_acks
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.station import (
