@@ -52,8 +52,21 @@ def spec_mutate(
         typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
     ] = None,
     limit: Annotated[
-        int, typer.Option(min=0, help="Use a fixed sample of this size (0 = all mutants).")
-    ] = 260,
+        int | None,
+        typer.Option(
+            min=0,
+            help="Use a fixed sample of this size (0 = all mutants).  Default: 260, "
+            "with --matrix all.",
+        ),
+    ] = None,
+    matrix: Annotated[
+        bool,
+        typer.Option(
+            "--matrix",
+            help="Check each property by itself on each mutant of Station, in the models of the "
+            "matrix or those named by --model.",
+        ),
+    ] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
@@ -71,14 +84,19 @@ def spec_mutate(
     """Run the models on mutants of the specification.
 
     The models must find each small change.  Results are kept under runs/, so that an interrupted
-    run continues where it stopped.  A mutant that survives must be in spec/models/survivors.toml
-    with the reason.  A full run may take an hour.
+    run continues where it stopped, and --matrix repeats only what a change affects.
+    A mutant that survives must be in spec/models/survivors.toml with the reason; with --matrix, one
+    that no property kills in spec/mutation/no-property.toml.  A full run may take an hour, the
+    matrix hours.
     """
     from automcm_maintenance.spec_mutation import mutate_commands
 
+    if matrix and not list_:
+        _matrix(module, model, only, limit, jobs, write, json_)
     with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+        sample = 260 if limit is None else limit
         asked = mutate_commands.Asked(
-            profile, module, model, only, limit, jobs, search, longest, write
+            profile, module, model, only, sample, jobs, search, longest, write
         )
         mutants = mutate_commands.select(asked)
         if list_:
@@ -121,6 +139,31 @@ def spec_prove(
         report = prove_commands.run(without or [], step, notify)
     if write_json(json_, report.as_dict()):
         prove_commands.show(report, console_of())
+    raise typer.Exit(report.exit_code)
+
+
+def _matrix(
+    module: list[str] | None,
+    model: list[str] | None,
+    only: str | None,
+    limit: int | None,
+    jobs: int,
+    write: bool,
+    json_: Path | None,
+) -> None:
+    from automcm_maintenance.spec_mutation import matrix_commands, mutate_commands
+
+    with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+        if module:
+            raise mutate_commands.Usage("--matrix cannot be combined with --module")
+        if write and (only or limit):
+            raise mutate_commands.Usage("--write cannot be combined with --only or --limit")
+        with progress() as notify:
+            report = matrix_commands.run(model, only, limit, jobs, notify)
+        if write:
+            matrix_commands.write(report)
+    if write_json(json_, matrix_commands.as_dict(report)):
+        matrix_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 

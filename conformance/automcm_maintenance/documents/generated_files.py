@@ -19,6 +19,7 @@ from automcm_maintenance.documents import (
     cli_page,
     import_graph,
     independence_tables,
+    matrix_page,
     models_page,
     state_diagrams,
 )
@@ -41,6 +42,7 @@ ARCHITECTURE = ROOT / "docs" / "architecture.md"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 SECURITY = ROOT / "docs" / "security.md"
 VERIFICATION = ROOT / "docs" / "verification.md"
+MUTATION = ROOT / "docs" / "mutation.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
@@ -191,6 +193,7 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
             SECURITY.read_text(), "attackers", attacker_table.table(models.load())
         ),
         VERIFICATION: _verification,
+        MUTATION: lambda: between(MUTATION.read_text(), "matrix", matrix_page.page_part()),
         PICTURE: picture,
         EVALUATION: lambda: report.evaluation(results),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
