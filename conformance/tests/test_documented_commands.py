@@ -79,6 +79,7 @@ ENCODINGS = By("spec/tests/test_bench.py::test_the_encodings_are_measured_on_the
 WORKERS = By("spec/tests/test_distributed_tlc.py::test_two_workers_find_the_states_of_one")
 GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = By(f"{HERE}cli.py::test_generated_files_are_not_stale")
+TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
 SWEEP = Parsed("minutes; test_experiment_cli.py runs a sweep that is short")
@@ -96,6 +97,7 @@ TABLE: dict[str, Way] = {
     "automcm bench station": MEASURED,
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,
+    "automcm bench traffic": TRAFFIC,
     "automcm bench traces --logs 200 --no-tlc": LONG,
     "automcm conform certify --class timer --out runs/certificate": LONG,
     "automcm conform check-adapter -- ./my_adapter": Run(
@@ -153,6 +155,7 @@ TABLE: dict[str, Way] = {
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
     "automcm simulate drives --drives 20": DRIVES,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
+    "automcm simulate traffic --scenario lane-change --vehicles 20": TRAFFIC,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,

@@ -44,6 +44,7 @@ class Cheap:
 
 MINUTES = "minutes"
 TLC = "runs TLC, which spec check does here"
+SUMO = "needs SUMO: reference/tests/foreign_traffic.py"
 SERVES = "it serves others and goes on without standard output: conformance/tests/test_demo.py"
 SWEEP = "a sweep of minutes; its report is written as the others are"
 Device = Callable[[], AbstractContextManager[int]]
@@ -56,6 +57,7 @@ TABLE: dict[str, Cheap | str] = {
     "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench traces": MINUTES,
+    "bench traffic": SUMO,
     "bench window": Cheap(["--sessions", "1"], files=(JSON,)),
     "conform certify": MINUTES,
     "conform check-adapter": Cheap(ADAPTER, files=(JSON,), slow=True),
@@ -80,6 +82,7 @@ TABLE: dict[str, Cheap | str] = {
     "link relay": SERVES,
     "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
+    "simulate traffic": SUMO,
     "spec bench": TLC,
     "spec check": Cheap(["bare_ack"], files=("--traces", JSON), slow=True),
     "spec list": Cheap([], files=(JSON,)),

@@ -138,7 +138,10 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("simulate lane-change --vehicles 2", "written runs/simulate/space-time.svg"),
     ),
     "secure": (_python(SIGN, "Accepted(message="),),
-    "sumo": (_automcm("experiment arrival --set sumo=true", "against a lane change at once"),),
+    "sumo": (
+        _automcm("experiment arrival --set sumo=true", "against a lane change at once"),
+        _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
+    ),
     "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
 }
 
@@ -159,6 +162,7 @@ WITHOUT = [
     ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
     ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
     ("kit", "experiment arrival --set sumo=true", "SUMO needs it: pip install 'automcm[sumo]'"),
+    ("kit", "simulate traffic", "SUMO is missing: pip install 'automcm[sumo]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),

@@ -136,6 +136,7 @@ class McService:
         self._keep_number, self._observers = keep_number, observers
         self._marks = marks
         self._close_window = close_window
+        self._in_time_ms = longest_delay(self.parameters.known)
         self._number = number
         self._time = 0
         self._sent = 0
@@ -319,7 +320,7 @@ class McService:
         late = now - max(due, self._awake)  # report one delay once
         self._awake = now
         self.statistics.latest_ms = max(self.statistics.latest_ms, late)
-        if late > longest_delay(self.parameters.known):
+        if late > self._in_time_ms:
             self._late_ms = max(self._late_ms, late)
 
     def _on_time(self) -> None:
@@ -459,8 +460,14 @@ class McService:
     def _hear(self, cam: Cam, now_ms: int) -> None:
         in_step = self._offsets.heard(cam.src, cam.generation_ms, now_ms)
         self.statistics.out_of_step = len(self._offsets.reported)
+        self.neighbours[cam.src] = self._heard(cam, now_ms, in_step)
+        self.neighbours.move_to_end(cam.src)
+        if len(self.neighbours) > NEIGHBOURS:
+            self.neighbours.popitem(last=False)
+
+    def _heard(self, cam: Cam, now_ms: int, in_step: bool) -> Heard:
         length_mm, width_mm = cam.extent_mm
-        self.neighbours[cam.src] = Heard(
+        return Heard(
             station_id=cam.src,
             received_ms=now_ms,
             x_mm=cam.x_mm,
@@ -473,9 +480,6 @@ class McService:
             sigma_mm=cam.sigma_mm,
             in_step=in_step,
         )
-        self.neighbours.move_to_end(cam.src)
-        if len(self.neighbours) > NEIGHBOURS:
-            self.neighbours.popitem(last=False)
 
     def _in_step(self, station_id: int) -> bool:
         """APP-6; without a CAM lately, nothing is known of its clock."""
