@@ -13,26 +13,31 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from automcm.kernels.road_line import RoadLine
+from automcm.kernels.trajectory import TrajectoryError
 from automcm.scenarios.road import LANE_WIDTH, STEP_S
 from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
 
 NETWORKS = Path(__file__).parent / "networks"
 """Plain XML for netconvert: NAME.nod.xml, NAME.edg.xml, and NAME.con.xml where there is one."""
 SUBLANE_M = LANE_WIDTH / 4
-REACH_M = 20.0
-"""Of a route's line, to the sides."""
+REACHES_M = (20.0, 4.0)
+"""Of a route's line, to the sides: the first that its bends allow."""
 STRAIGHTEN_M = 0.05
 """Points of a lane that are nearer to each other are one."""
 ASIDE = 2.0
 """The acceleration aside of an equipped vehicle, m/s²."""
 TAKES_NO_LANE = 0
 """SUMO's lane change mode: only the control changes lanes."""
+OWN_PRIORITY = 23
+"""SUMO's speed mode: the control decides when to enter a junction; SUMO still keeps the distance
+to vehicles ahead and to those inside it."""
 
 
 def sumo_home() -> Path:
@@ -98,7 +103,7 @@ class SumoMover:
                         or math.hypot(x - points[-1][0], y - points[-1][1]) > STRAIGHTEN_M
                     ):
                         points.append((x, y))
-            self._lines[route] = RoadLine(points, reach=REACH_M)
+            self._lines[route] = _line(points)
         return self._lines[route]
 
     def bodies(self) -> Mapping[int, Body]:
@@ -110,6 +115,7 @@ class SumoMover:
         vehicle, name = self._sumo.vehicle, self._ids[number]
         if number not in self._steered:
             vehicle.setLaneChangeMode(name, TAKES_NO_LANE)
+            vehicle.setSpeedMode(name, OWN_PRIORITY)
             self._steered.add(number)
         vehicle.setSpeed(name, -1.0 if speed is None else speed)
         vehicle.changeSublane(name, aside)
@@ -137,6 +143,14 @@ class SumoMover:
     def close(self) -> None:
         """As ``Mover.close``."""
         self._sumo.close()
+
+
+def _line(points: Sequence[tuple[float, float]]) -> RoadLine:
+    *wider, least = REACHES_M
+    for reach in wider:
+        with suppress(TrajectoryError):
+            return RoadLine(points, reach=reach)
+    return RoadLine(points, reach=least)
 
 
 def _lanes(sumo: Any, route: Sequence[str]) -> list[str]:
