@@ -181,11 +181,10 @@ def spec_bench(
     this bound is too low to decide.
     """
     from automcm_maintenance.benches import encoding_bench
-    from automcm_maintenance.benches import encoding_bench_table as bench_
     from automcm_spec.model_checking.tlc import TlcError
 
     with code_3("bench", TlcError, encoding_bench.BenchError, OSError), progress() as notify:
         report = encoding_bench.run(seconds, notify)
     if write_json(json_, report.as_dict()):
-        bench_.show(report, console_of())
+        encoding_bench.show(report, console_of())
     raise typer.Exit(report.exit_code)

@@ -94,6 +94,7 @@ TABLE: dict[str, Way] = {
     "automcm bench kernels --seconds 60": KERNELS,
     "automcm bench security --seconds 20": SIGNED,
     "automcm bench window": MEASURED,
+    "automcm bench window --sessions 200": MEASURED,
     "automcm bench station": MEASURED,
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,
@@ -132,8 +133,7 @@ TABLE: dict[str, Way] = {
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine-cpp/run": FOREIGN,
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine/run": HOUR,
     "automcm conform run AMCM/RCV/NEG/BI-05 -- mine/run": MISTAKE,
-    "automcm conform run [SELECTOR...] [--expect FILE] [--out DIR] [--json PATH] [--limit S] "
-    "[--seed N] -- CMD": SYNOPSIS,
+    "automcm conform run [SELECTOR...] [--quick] [--stop-after N] [--expect FILE]": SYNOPSIS,
     "automcm demo": DEMO,
     "automcm demo --close-early": DEMO,
     "automcm demo --kill B": DEMO,
@@ -169,6 +169,7 @@ TABLE: dict[str, Way] = {
     "automcm spec list": Run(),
     "automcm spec list --property T-2": Run(),
     "automcm spec mutate --only OnAck": MUTANTS,
+    "automcm spec prove --step accept": MUTANTS,
     "automcm spec pages --out runs/counterexamples": PAGE,
     "automcm spec simulate two_by_three": LONG,
     "automcm spec worker 192.0.2.7": WORKERS,
@@ -271,7 +272,7 @@ def test_its_options_exist_and_take_what_they_are_given(command: str) -> None:
     found, arguments = group_of(words)
     if TABLE[command] is SYNOPSIS:
         known = {option for each in found.params for option in each.opts}
-        named = set(re.findall(r"--[a-z]+", command.split(" -- ")[0]))
+        named = set(re.findall(r"--[a-z-]+", command.split(" -- ")[0]))
         assert named and named <= known
     else:
         found.make_context("automcm", arguments)

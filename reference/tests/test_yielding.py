@@ -11,7 +11,6 @@ from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.occupancy import Track
 from automcm.scenarios.road import STRAIGHT, Vehicle
-from automcm.scenarios.yielding import PATIENCE_MS, Yielding, arrival_in, arriving
 from automcm.service.application import Advertised, Proposal
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
@@ -20,6 +19,12 @@ from automcm_evaluation.traffic_scenarios.intersection_traffic import (
     PLACE,
     REACH_M,
     LeftTurn,
+)
+from automcm_evaluation.traffic_scenarios.yielding import (
+    PATIENCE_MS,
+    Yielding,
+    arrival_in,
+    arriving,
 )
 from automcm_spec.vocabulary import messages
 from automcm_traces.explain.explain import explain_files

@@ -74,10 +74,11 @@ def window(
     seed: Annotated[int, typer.Option(help="The seed of the sessions.")] = 1,
     json_: Json = None,
 ) -> None:
-    """Measure the time to an agreement with the paper's window and with one that closes early.
+    """Measure the gain of a window that closes early (ADV-9).
 
-    The second closes when every known neighbour has answered (ADV-9).  Both use the same seeds, in
-    virtual time, so the figures do not depend on the machine.  There is no verdict.
+    A window that closes when every known neighbour has answered is compared with the paper's, with
+    the same seeds in virtual time, so the figures do not depend on the machine.  There is no
+    verdict.
     """
     from automcm_maintenance.benches import window_bench
 

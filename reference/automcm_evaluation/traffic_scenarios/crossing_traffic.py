@@ -15,12 +15,12 @@ import numpy as np
 from automcm.kernels.trajectory import Floats
 from automcm.scenarios.occupancy import Perception, Track
 from automcm.scenarios.road import LANE_WIDTH, Vehicle
-from automcm.scenarios.yielding import Yielding
 from automcm_evaluation.traffic.mover import RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_evaluation.traffic_scenarios.stream import counted, stream
+from automcm_evaluation.traffic_scenarios.yielding import Yielding
 
 SCENARIO = "pedestrian"
 CROSSES_M = 600.0

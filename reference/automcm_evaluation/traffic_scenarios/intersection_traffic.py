@@ -12,13 +12,13 @@ from automcm.scenarios import occupancy
 from automcm.scenarios.occupancy import Perception, Track
 from automcm.scenarios.ramp_merge import BRAKE
 from automcm.scenarios.road import LANE_WIDTH, Vehicle
-from automcm.scenarios.yielding import Yielding
 from automcm.service.application import heard_by
 from automcm_evaluation.traffic.mover import RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_evaluation.traffic_scenarios.stream import counted, stream
+from automcm_evaluation.traffic_scenarios.yielding import Yielding
 
 SCENARIO = "left_turn"
 TURNING, ONCOMING = ("from_west", "to_north"), ("from_east", "to_west")

@@ -12,12 +12,12 @@ from automcm.scenarios.drive import Driver
 from automcm.scenarios.occupancy import Perception
 from automcm.scenarios.ramp_merge import Merge, Ramp
 from automcm.scenarios.road import LANE_WIDTH, Vehicle
-from automcm.scenarios.yielding import Yielding
 from automcm_evaluation.traffic.mover import Body, RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_evaluation.traffic_scenarios.stream import counted, stream
+from automcm_evaluation.traffic_scenarios.yielding import Yielding
 
 ROUTE = ("before", "beside", "after")
 RAMP = Ramp(joins_m=2000.0)
