@@ -69,6 +69,7 @@ CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
 SIGNED = By(f"{HERE}simulate_command.py::test_bench_security_has_baselines_of_the_same_run")
+CHANNEL = By(f"{HERE}simulate_command.py::test_bench_radio_is_beside_a_coin_for_each_receiver")
 RENEWED = By(f"{HERE}keys.py::test_certificates_are_renewed_while_a_session_runs")
 ISSUED = By(f"{HERE}keys.py::test_an_authority_issues_shows_and_revokes")
 DRIVES = By(f"{HERE}simulate_command.py::test_drives_are_counted_by_what_b_does")
@@ -92,6 +93,7 @@ TABLE: dict[str, Way] = {
     "automcm bench conform --must": LONG,
     "automcm bench kernels": KERNELS,
     "automcm bench kernels --seconds 60": KERNELS,
+    "automcm bench radio --seconds 20": CHANNEL,
     "automcm bench security --seconds 20": SIGNED,
     "automcm bench window": MEASURED,
     "automcm bench window --sessions 200": MEASURED,

@@ -54,6 +54,7 @@ TABLE: dict[str, Cheap | str] = {
     "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
     "bench conform": MINUTES,
     "bench kernels": MINUTES,
+    "bench radio": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench traces": MINUTES,

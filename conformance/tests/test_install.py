@@ -89,6 +89,13 @@ message = JSON.encode(Fin(src=7, dst=8, session=(7, 1), seq=2))
 verifier = Verifier([authority.public_key()], JSON, Parameters())
 print(verifier.receive(signer.sign(message, 1000), 1000))
 """
+CHANNEL = """
+from automcm.links.ns3_radio import Ns3Radio
+radio = Ns3Radio(1)
+radio.move({1: (0.0, 0.0), 2: (25.0, 0.0)})
+radio.transmit(1, 150, 0, 1)
+print(radio.advance(10))
+"""
 LITTLE = "experiment loss --set road=1 --set road_losses=[10] --set sessions=10 --set fine=10"
 LITTLE += " --set in_bursts=10 --set cost=10 --set udp=0 --scheduler"
 LOCAL = {"n_workers": 1, "processes": False, "dashboard_address": None, "protocol": "tcp://"}
@@ -142,6 +149,7 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("experiment arrival --set sumo=true", "against a lane change at once"),
         _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
     ),
+    "radio": (_python(CHANNEL, "receiver=2"),),
     "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
 }
 

@@ -125,6 +125,17 @@ def test_bench_station_prints_ratios() -> None:
 
 
 @pytest.mark.slow
+def test_bench_radio_is_beside_a_coin_for_each_receiver() -> None:
+    code, said = run("bench", "radio", "--seconds", "0.1", "--json", "-")
+    rates = json.loads(said)["rates"]
+    assert code == 0 and [rate["vehicles"] for rate in rates] == [10, 50, 100, 200]
+    assert all(0 < rate["table"] < rate["coins"] for rate in rates)
+    receptions = [rate["receptions"] for rate in rates]
+    assert receptions == sorted(set(receptions))
+    assert rates[2]["table"] > 1.0  # faster than real time
+
+
+@pytest.mark.slow
 def test_bench_security_has_baselines_of_the_same_run() -> None:
     code, said = run("bench", "security", "--seconds", "0.1", "--json", "-")
     report = json.loads(said)

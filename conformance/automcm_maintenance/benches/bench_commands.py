@@ -14,6 +14,7 @@ app.command(epilog=example("bench station --seconds 20"))(station_bench.station)
 app.command(epilog=example("bench kernels --seconds 60"))(station_bench.kernels)
 app.command(epilog=example("bench security --seconds 20"))(station_bench.security)
 app.command(epilog=example("bench window --sessions 200"))(station_bench.window)
+app.command(epilog=example("bench radio --seconds 20"))(station_bench.radio)
 app.command(epilog=example("bench conform --must"))(conform_bench.conform)
 app.command(epilog=example("bench traces --logs 200 --no-tlc"))(trace_bench.traces)
 

@@ -1,4 +1,4 @@
-"""``automcm bench station``, ``kernels`` and ``security``: the figures as tables."""
+"""``automcm bench station``, ``kernels``, ``security`` and ``radio``: the figures as tables."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def window(
     the same seeds in virtual time, so the figures do not depend on the machine.  There is no
     verdict.
     """
-    from automcm_maintenance.benches import window_bench
+    from automcm_evaluation.loss import window_bench
 
     with progress() as notify:
         rows = window_bench.run(sessions, seed, notify)
@@ -93,6 +93,29 @@ def window(
             mean, figures = f"{of.mean_ms:,.0f}", (f"{of.q95_ms:,}", f"{of.messages:.1f}", ratio)
             table.add_row(f"{row.loss}%", name, f"{of.agreed:.1%}", mean, *figures)
     console_of().print(table)
+
+
+def radio(
+    seconds: Annotated[float, typer.Option(help="Approximate duration in seconds.", min=0.1)] = 20,
+    json_: Json = None,
+) -> None:
+    """Measure the speed of the simulated radio channel.
+
+    The result is in simulated seconds a second on one core.  Every vehicle sends a CAM at 10 Hz.
+    The baseline of the same run is a coin for each receiver.  There is no verdict: the figures
+    depend on the machine, the ratio less so.
+    """
+    from automcm_maintenance.benches import radio_bench
+
+    with progress() as notify:
+        report = radio_bench.run(seconds, notify)
+    if write_json(json_, report.as_dict()):
+        columns = ("receptions a second", "simulated s a second", "with coins", "ratio")
+        table = table_of("vehicles", *columns)
+        for rate in report.rates:
+            speeds = f"{rate.table:.1f}", f"{rate.coins:.1f}", f"{rate.table / rate.coins:.2f}"
+            table.add_row(str(rate.vehicles), f"{rate.receptions:,}", *speeds)
+        console_of().print(table)
 
 
 def show(report: Report, console: Console) -> None:
