@@ -97,7 +97,7 @@ TABLE: dict[str, Cheap | str] = {
     "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "trace explain": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
     "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),
-    "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare",)),
+    "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare", "--traffic")),
     "trace itf": Cheap(["1001.ndjson"], files=(OUT, JSON)),
     "trace lint": Cheap(["1001.ndjson", "--fix"], files=(OUT, JSON)),
     "trace replay": Cheap(["1001.ndjson", *ADAPTER], files=(OUT, JSON)),

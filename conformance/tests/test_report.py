@@ -190,7 +190,7 @@ def test_the_page_says_what_is_wrong() -> None:
     for part in (
         "Does not conform: 1 MUST case fails",
         "1,999 of 2,000 (99.9 %)",
-        "Station.tla, line 330",
+        "Station.tla, line 321",
         "Expected one of",
         "automcm conform replay text",
         "Inconclusive",

@@ -67,7 +67,7 @@ def test_a_failure_in_a_pipe() -> None:
     bad = case(verdict="FAIL", failures=[failure()])
     out = printed(lambda console: terminal_report.failure(bad, bad.failures[0], console))
     lines = out.splitlines()
-    assert "Station.tla, line 330: OnForeignPrescription" in lines
+    assert "Station.tla, line 321: OnForeignPrescription" in lines
     assert lines[-1] == "automcm conform replay text"
     kit, station = (next(line for line in lines if word in line) for word in ("said", "answered"))
     assert kit.index("said") < station.index("answered")
