@@ -41,6 +41,8 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_cam.py
 	@$(BIN)/python reference/tests/foreign_signature.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
+	@$(BIN)/python reference/tests/foreign_traffic.py
+	@$(BIN)/python reference/tests/foreign_radio.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 # Fails each system call of a station in each phase (docs/faults.md; six minutes), then runs 20

@@ -32,7 +32,10 @@ GROUPS = {
         ["automcm_cli.reference.vector_commands"],
         "Test vectors for the trajectory kernels and for signed messages.",
     ),
-    "simulate": (["automcm_cli.reference.simulate_command"], "Run scenarios on a simulated road."),
+    "simulate": (
+        ["automcm_cli.reference.simulate_command", "automcm_cli.reference.traffic_command"],
+        "Run scenarios on a simulated road, and in the traffic of SUMO.",
+    ),
     "experiment": (
         ["automcm_cli.reference.experiment_commands"],
         "Run the experiments of the evaluation.",
@@ -46,7 +49,7 @@ GROUPS = {
 }
 """For each group: its modules, each with an ``app``, and its help text."""
 _TOP = f"{_MAINTENANCE}.repository_commands"
-_ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "verify")
+_ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "prove", "verify")
 
 
 def _installed(module: str) -> bool:

@@ -1,4 +1,4 @@
-"""``automcm spec pages``, ``mutate`` and ``bench``: commands for the quality of the models.
+"""``automcm spec pages``, ``mutate``, ``prove`` and ``bench``: for the quality of the models.
 
 Each command imports only the modules that it needs.
 """
@@ -52,8 +52,21 @@ def spec_mutate(
         typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
     ] = None,
     limit: Annotated[
-        int, typer.Option(min=0, help="Use a fixed sample of this size (0 = all mutants).")
-    ] = 260,
+        int | None,
+        typer.Option(
+            min=0,
+            help="Use a fixed sample of this size (0 = all mutants).  Default: 260, "
+            "with --matrix all.",
+        ),
+    ] = None,
+    matrix: Annotated[
+        bool,
+        typer.Option(
+            "--matrix",
+            help="Check each property by itself on each mutant of Station, in the models of the "
+            "matrix or those named by --model.",
+        ),
+    ] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
@@ -71,14 +84,19 @@ def spec_mutate(
     """Run the models on mutants of the specification.
 
     The models must find each small change.  Results are kept under runs/, so that an interrupted
-    run continues where it stopped.  A mutant that survives must be in spec/models/survivors.toml
-    with the reason.  A full run may take an hour.
+    run continues where it stopped, and --matrix repeats only what a change affects.
+    A mutant that survives must be in spec/models/survivors.toml with the reason; with --matrix, one
+    that no property kills in spec/mutation/no-property.toml.  A full run may take an hour, the
+    matrix hours.
     """
     from automcm_maintenance.spec_mutation import mutate_commands
 
+    if matrix and not list_:
+        _matrix(module, model, only, limit, jobs, write, json_)
     with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+        sample = 260 if limit is None else limit
         asked = mutate_commands.Asked(
-            profile, module, model, only, limit, jobs, search, longest, write
+            profile, module, model, only, sample, jobs, search, longest, write
         )
         mutants = mutate_commands.select(asked)
         if list_:
@@ -91,6 +109,61 @@ def spec_mutate(
             mutate_commands.write(report)
     if write_json(json_, mutate_commands.as_dict(report)):
         mutate_commands.show(report, console_of(110))
+    raise typer.Exit(report.exit_code)
+
+
+@app.command("prove", epilog=example("spec prove --step accept"))
+def spec_prove(
+    step: Annotated[
+        str, typer.Option(help="Only steps with this text in their name, such as 'lease'.")
+    ] = "",
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Leave this conjunct out of the invariant.  Repeatable."),
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """Prove S-1 to S-8 by an inductive invariant.
+
+    The invariant is that of Inductive.tla.  z3 proves it from the syntax tree, for any number of
+    stations, sessions, rounds and messages.  A full run takes a minute or more.  The exit code is 1
+    if an obligation is refuted, and 4 if z3 cannot decide one.
+    """
+    from automcm_maintenance.induction import prove_commands
+
+    with (
+        code_3("prove", *prove_commands.FAULTS),
+        usage(prove_commands.Usage),
+        progress() as notify,
+    ):
+        report = prove_commands.run(without or [], step, notify)
+    if write_json(json_, report.as_dict()):
+        prove_commands.show(report, console_of())
+    raise typer.Exit(report.exit_code)
+
+
+def _matrix(
+    module: list[str] | None,
+    model: list[str] | None,
+    only: str | None,
+    limit: int | None,
+    jobs: int,
+    write: bool,
+    json_: Path | None,
+) -> None:
+    from automcm_maintenance.spec_mutation import matrix_commands, mutate_commands
+
+    with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+        if module:
+            raise mutate_commands.Usage("--matrix cannot be combined with --module")
+        if write and (only or limit):
+            raise mutate_commands.Usage("--write cannot be combined with --only or --limit")
+        with progress() as notify:
+            report = matrix_commands.run(model, only, limit, jobs, notify)
+        if write:
+            matrix_commands.write(report)
+    if write_json(json_, matrix_commands.as_dict(report)):
+        matrix_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 
@@ -108,11 +181,10 @@ def spec_bench(
     this bound is too low to decide.
     """
     from automcm_maintenance.benches import encoding_bench
-    from automcm_maintenance.benches import encoding_bench_table as bench_
     from automcm_spec.model_checking.tlc import TlcError
 
     with code_3("bench", TlcError, encoding_bench.BenchError, OSError), progress() as notify:
         report = encoding_bench.run(seconds, notify)
     if write_json(json_, report.as_dict()):
-        bench_.show(report, console_of())
+        encoding_bench.show(report, console_of())
     raise typer.Exit(report.exit_code)

@@ -11,7 +11,8 @@ from typing import Any
 
 from automcm.adapters import adapter_lines as kit
 from automcm.core import rules
-from automcm.core.negotiating import foreign
+from automcm.core.actuating import count_cam
+from automcm.core.negotiating import foreign, instructed
 from automcm.core.outcome import Outcome, Row, always, ignore, leave
 from automcm.core.rules import RULES, gives_up
 from automcm.core.state import State, Timer
@@ -24,6 +25,10 @@ Kit = kit.Kit
 EDITS: dict[str, Edit] = {}
 BREAKS: dict[str, tuple[str, str]] = {}
 """The scenario that a station fails, and the rule that it breaks."""
+CAUSES: dict[str, tuple[str, str, str]] = {}
+"""The rule that a station breaks, the operator of Station.tla that decides it, and what the first
+entry of a report on it says."""
+AGREEING = ("INTENDING", "WAITING")
 
 
 class Broken(Kit):
@@ -50,6 +55,14 @@ def edit(made: Edit) -> Edit:
 def breaks(scenario: str, rule: str) -> Callable[[Edit], Edit]:
     def note(made: Edit) -> Edit:
         BREAKS[made.__name__] = (f"scenario {scenario}", rule)
+        return edit(made)
+
+    return note
+
+
+def cause(rule: str, operator: str, says: str) -> Callable[[Edit], Edit]:
+    def note(made: Edit) -> Edit:
+        CAUSES[made.__name__] = (rule, operator, says)
         return edit(made)
 
     return note
@@ -212,6 +225,57 @@ def the_commitment_ends_by_fin_only() -> None:
 def a_late_copy_opens_the_session_again() -> None:
     rows = RULES["receive Advertisement"]
     RULES["receive Advertisement"] = tuple(row for row in rows if row.rule != "ADV-8")
+
+
+@cause("ACT-4", "OnExpiry", "(lease), got")
+def lease_counted_from_the_prescription() -> None:
+    prescribed_ms = [0]
+
+    @answers
+    def note(kit: Kit, command: Json, answer: Json) -> None:
+        verifies = any(i["name"] == "verify" for i in answer.get("indications", []))
+        prescribed_ms[0] = command["now"] if verifies else prescribed_ms[0]
+
+    duration = Station._duration
+
+    def lasts(self: Station, timer: Timer, now: int) -> int:
+        gone = now - prescribed_ms[0] if self.state.role == "receiver" else 0
+        return duration(self, timer, now) - (gone if timer.name == "lease" else 0)
+
+    Station._duration = lasts  # type: ignore[method-assign]
+
+
+@cause("NEG-1", "OnPrescription", "Ack.of")
+def an_ack_without_seq() -> None:
+    @answers
+    def nameless(kit: Kit, command: Json, answer: Json) -> None:
+        for message in answer.get("messages", []):
+            if message["type"] == "Ack":
+                message["of"] = {"type": message["of"]["type"]}
+
+
+@cause("NEG-1", "OnPrescription", "not sent: Ack")
+def no_ack_of_a_copy() -> None:
+    rows = RULES["receive Prescription"]
+    again = Row("NEG-1", lambda me, st, i: i.message.proposal <= st.proposal, ignore)
+    RULES["receive Prescription"] = tuple(again if row is rows[4] else row for row in rows)
+
+
+@cause("ACT-5", "OnCam", "CAM")
+def an_old_cam_counts() -> None:
+    def counts(me: Any, st: State, i: Any) -> bool:
+        m = i.message
+        return st.phase == "ACTUATING" and m.src == st.peer and st.session in m.marks
+
+    first("receive CAM", "ACT-5", counts, count_cam)
+
+
+@cause("NEG-1", "OnPrescription", "m.proposal = 3, st.proposal = 3")
+def proposal_off_by_one() -> None:
+    rows = RULES["receive Prescription"]
+    again = Row("NEG-1", lambda me, st, i: i.message.proposal < st.proposal, rows[4].then)
+    newer = Row("NEG-1", lambda me, st, i: st.phase in AGREEING, instructed)
+    RULES["receive Prescription"] = (*rows[:4], again, newer, *rows[6:])
 
 
 @edit

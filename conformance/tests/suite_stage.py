@@ -93,6 +93,8 @@ class Suite:
         seed: int = 1,
         expected: verdicts.Expectations | None = None,
         folder: str = "report",
+        stop_after: int = 0,
+        quick: bool = False,
     ) -> Report:
         one = graph(ONE_PEER.path)
         cut = {
@@ -119,6 +121,8 @@ class Suite:
             notify=lambda text: None,
             selectors=selectors,
             expected=expected or {},
+            stop_after=stop_after,
+            quick=quick,
         )
 
 

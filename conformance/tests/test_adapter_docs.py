@@ -135,7 +135,7 @@ def test_the_guide_names_every_verdict_field_and_option() -> None:
     for command, heading in (("run", "## From nothing to a report"), ("explore", "## Exploring")):
         found = get_command(app).commands["conform"].commands[command]  # type: ignore[attr-defined]
         options = {option for each in found.params for option in each.opts} - {"--help"}
-        named = set(re.findall(r"`(--\w+)`", section("conformance.md", heading)))
+        named = set(re.findall(r"`(--[\w-]+)", section("conformance.md", heading)))
         assert {option for option in options if option.startswith("-")} == named, command
 
 

@@ -27,8 +27,21 @@ def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
     expected = Expected(marks=[[[1, 1], [1, 2]]])
     cam = {"type": "CAM", "generation_ms": 5}
     assert not answers.differences(expected, line(cams=[cam | {"marks": [[1, 2], [1, 1]]}]))
-    ((part, text),) = answers.differences(expected, line(cams=[cam | {"marks": marks}]))
+    ((part, text, _),) = answers.differences(expected, line(cams=[cam | {"marks": marks}]))
     assert part == "cams" and text.endswith(f"got {marks}")
+
+
+@pytest.mark.parametrize(
+    ("due", "allowed"), [(50, [1]), (100, [1, 2]), (150, [2]), (200, [2, 3]), (250, [3])]
+)
+def test_act_5_a_cam_has_the_marks_of_the_time_at_which_it_is_due(
+    due: int, allowed: list[int]
+) -> None:
+    marks = [[[1, n]] for n in (1, 2, 3)]
+    expected = Expected(marks=marks, marks_since=[0, 100, 200])
+    for n, mark in enumerate(marks, 1):
+        cam = {"type": "CAM", "generation_ms": due, "marks": mark}
+        assert bool(answers.differences(expected, line(cams=[cam]))) == (n not in allowed)
 
 
 def test_half_of_a_surrogate_pair_is_no_answer() -> None:

@@ -100,10 +100,13 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
     failed, passed = sorted(bad.report["cases"], key=lambda case: case["verdict"])
     assert not passed["page"] and failed["page"] == failed["log"].replace(".ndjson", ".html")
     page = (bad.folder / failed["page"]).read_text()
-    assert f"<title>{CASE}, until the failure</title>" in page, "a malformed message"
+    assert f"<title>{CASE}: FAIL</title>" in page, "a malformed message"
     data = json.loads(page.split('id="data">')[1].split("</script>")[0])
     what = failed["failures"][0]["what"]
-    assert data["note"] == f"The log is allowed to its end. After it, FAIL: {what}"
+    (log,), (judged,) = data["logs"], data["runs"][0]["verdicts"]
+    assert log["diverges"] >= 0, "the page opens there"
+    assert judged["verdict"] == "diverges"
+    assert data["note"].startswith("The verdict is that of the kit") == (what in judged["event"])
     assert f'"file":"{failed["log"]}"' in page and str(bad.folder) not in page
     assert f'<a href="{failed["page"]}">' in (bad.folder / "report.html").read_text()
 

@@ -59,8 +59,9 @@ def report(process: subprocess.Popen[str]) -> dict[str, Any]:
             {"B": "busy", "second prescriber": "fallback(no_agreement)"},
             marks=pytest.mark.deep,
         ),
+        pytest.param(["--close-early"], {"prescriber": "CHOOSING ADV-9"}, marks=pytest.mark.deep),
     ],
-    ids=["plain", "loss", "kill", "second"],
+    ids=["plain", "loss", "kill", "second", "early"],
 )
 def test_the_demonstration_ends_as_described(
     options: list[str], story: dict[str, str], tmp_path: Path

@@ -113,7 +113,8 @@ def test_every_step_is_drawn_and_its_rule_named(
 
 def test_an_event_with_two_ways_says_what_is_told(edges: set[Edge]) -> None:
     text = state_diagrams.diagram(WAYS, edges, "prescriber")
-    assert "ADVERTISING --> CHOOSING : advertise expires / choose (PRE-1)" in text
+    both = "close (ADV-9)<br/>advertise expires / choose (PRE-1)"
+    assert f"ADVERTISING --> CHOOSING : {both}" in text
     assert "CHOOSING --> PRESCRIBING : prescribe (PRE-2)" in text
 
 

@@ -69,6 +69,7 @@ CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
 SIGNED = By(f"{HERE}simulate_command.py::test_bench_security_has_baselines_of_the_same_run")
+CHANNEL = By(f"{HERE}simulate_command.py::test_bench_radio_is_beside_a_coin_for_each_receiver")
 RENEWED = By(f"{HERE}keys.py::test_certificates_are_renewed_while_a_session_runs")
 ISSUED = By(f"{HERE}keys.py::test_an_authority_issues_shows_and_revokes")
 DRIVES = By(f"{HERE}simulate_command.py::test_drives_are_counted_by_what_b_does")
@@ -79,6 +80,7 @@ ENCODINGS = By("spec/tests/test_bench.py::test_the_encodings_are_measured_on_the
 WORKERS = By("spec/tests/test_distributed_tlc.py::test_two_workers_find_the_states_of_one")
 GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = By(f"{HERE}cli.py::test_generated_files_are_not_stale")
+TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
 SWEEP = Parsed("minutes; test_experiment_cli.py runs a sweep that is short")
@@ -91,10 +93,14 @@ TABLE: dict[str, Way] = {
     "automcm bench conform --must": LONG,
     "automcm bench kernels": KERNELS,
     "automcm bench kernels --seconds 60": KERNELS,
+    "automcm bench radio --seconds 20": CHANNEL,
     "automcm bench security --seconds 20": SIGNED,
+    "automcm bench window": MEASURED,
+    "automcm bench window --sessions 200": MEASURED,
     "automcm bench station": MEASURED,
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,
+    "automcm bench traffic": TRAFFIC,
     "automcm bench traces --logs 200 --no-tlc": LONG,
     "automcm conform certify --class timer --out runs/certificate": LONG,
     "automcm conform check-adapter -- ./my_adapter": Run(
@@ -129,9 +135,9 @@ TABLE: dict[str, Way] = {
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine-cpp/run": FOREIGN,
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine/run": HOUR,
     "automcm conform run AMCM/RCV/NEG/BI-05 -- mine/run": MISTAKE,
-    "automcm conform run [SELECTOR...] [--expect FILE] [--out DIR] [--json PATH] [--limit S] "
-    "[--seed N] -- CMD": SYNOPSIS,
+    "automcm conform run [SELECTOR...] [--quick] [--stop-after N] [--expect FILE]": SYNOPSIS,
     "automcm demo": DEMO,
+    "automcm demo --close-early": DEMO,
     "automcm demo --kill B": DEMO,
     "automcm demo --loss 0.3": DEMO,
     "automcm demo --second-prescriber": DEMO,
@@ -151,6 +157,7 @@ TABLE: dict[str, Way] = {
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
     "automcm simulate drives --drives 20": DRIVES,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
+    "automcm simulate traffic --scenario lane-change --vehicles 20": TRAFFIC,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,
@@ -164,6 +171,7 @@ TABLE: dict[str, Way] = {
     "automcm spec list": Run(),
     "automcm spec list --property T-2": Run(),
     "automcm spec mutate --only OnAck": MUTANTS,
+    "automcm spec prove --step accept": MUTANTS,
     "automcm spec pages --out runs/counterexamples": PAGE,
     "automcm spec simulate two_by_three": LONG,
     "automcm spec worker 192.0.2.7": WORKERS,
@@ -266,7 +274,7 @@ def test_its_options_exist_and_take_what_they_are_given(command: str) -> None:
     found, arguments = group_of(words)
     if TABLE[command] is SYNOPSIS:
         known = {option for each in found.params for option in each.opts}
-        named = set(re.findall(r"--[a-z]+", command.split(" -- ")[0]))
+        named = set(re.findall(r"--[a-z-]+", command.split(" -- ")[0]))
         assert named and named <= known
     else:
         found.make_context("automcm", arguments)

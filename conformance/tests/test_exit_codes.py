@@ -44,6 +44,7 @@ class Cheap:
 
 MINUTES = "minutes"
 TLC = "runs TLC, which spec check does here"
+SUMO = "needs SUMO: reference/tests/foreign_traffic.py"
 SERVES = "it serves others and goes on without standard output: conformance/tests/test_demo.py"
 SWEEP = "a sweep of minutes; its report is written as the others are"
 Device = Callable[[], AbstractContextManager[int]]
@@ -53,9 +54,12 @@ TABLE: dict[str, Cheap | str] = {
     "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
     "bench conform": MINUTES,
     "bench kernels": MINUTES,
+    "bench radio": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench traces": MINUTES,
+    "bench traffic": SUMO,
+    "bench window": Cheap(["--sessions", "1"], files=(JSON,)),
     "conform certify": MINUTES,
     "conform check-adapter": Cheap(ADAPTER, files=(JSON,), slow=True),
     "conform explore": Cheap(["1", "--walks", "1", *ADAPTER], files=(OUT, JSON), slow=True),
@@ -79,11 +83,13 @@ TABLE: dict[str, Cheap | str] = {
     "link relay": SERVES,
     "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
+    "simulate traffic": SUMO,
     "spec bench": TLC,
     "spec check": Cheap(["bare_ack"], files=("--traces", JSON), slow=True),
     "spec list": Cheap([], files=(JSON,)),
     "spec mutate": TLC,
     "spec pages": TLC,
+    "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
     "spec simulate": TLC,
     "spec worker": TLC,
     "station": SERVES,
@@ -91,7 +97,7 @@ TABLE: dict[str, Cheap | str] = {
     "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "trace explain": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
     "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),
-    "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare",)),
+    "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare", "--traffic")),
     "trace itf": Cheap(["1001.ndjson"], files=(OUT, JSON)),
     "trace lint": Cheap(["1001.ndjson", "--fix"], files=(OUT, JSON)),
     "trace replay": Cheap(["1001.ndjson", *ADAPTER], files=(OUT, JSON)),

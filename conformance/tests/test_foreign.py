@@ -29,7 +29,7 @@ def foreign() -> Any:
 
 def test_the_mutants_are_well_formed(foreign: Any) -> None:
     found = foreign.mutants()
-    assert len(found) == 29
+    assert len(found) == 31
     combined = foreign.mutants(cpp_station.COMBINED)
     assert len(combined) == 10
     assert all(len(mutant.edits) == len(mutant.rules) == 2 for mutant in combined)

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-NO_COMMAND = {"all", "dev", "docs", "mutate"}
+NO_COMMAND = {"all", "dev", "docs", "mutate", "prove"}
 """The other extras together (test_wheel.py), and those that only a clone can use."""
 STATION = {
     *("automcm", "numpy", "pydantic", "python-statemachine"),
@@ -89,6 +89,13 @@ message = JSON.encode(Fin(src=7, dst=8, session=(7, 1), seq=2))
 verifier = Verifier([authority.public_key()], JSON, Parameters())
 print(verifier.receive(signer.sign(message, 1000), 1000))
 """
+CHANNEL = """
+from automcm.links.ns3_radio import Ns3Radio
+radio = Ns3Radio(1)
+radio.move({1: (0.0, 0.0), 2: (25.0, 0.0)})
+radio.transmit(1, 150, 0, 1)
+print(radio.advance(10))
+"""
 LITTLE = "experiment loss --set road=1 --set road_losses=[10] --set sessions=10 --set fine=10"
 LITTLE += " --set in_bursts=10 --set cost=10 --set udp=0 --scheduler"
 LOCAL = {"n_workers": 1, "processes": False, "dashboard_address": None, "protocol": "tcp://"}
@@ -138,7 +145,11 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("simulate lane-change --vehicles 2", "written runs/simulate/space-time.svg"),
     ),
     "secure": (_python(SIGN, "Accepted(message="),),
-    "sumo": (_automcm("experiment arrival --set sumo=true", "against a lane change at once"),),
+    "sumo": (
+        _automcm("experiment arrival --set sumo=true", "against a lane change at once"),
+        _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
+    ),
+    "radio": (_python(CHANNEL, "receiver=2"),),
     "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
 }
 
@@ -159,6 +170,7 @@ WITHOUT = [
     ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
     ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
     ("kit", "experiment arrival --set sumo=true", "SUMO needs it: pip install 'automcm[sumo]'"),
+    ("kit", "simulate traffic", "SUMO is missing: pip install 'automcm[sumo]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),

@@ -63,6 +63,14 @@ def test_the_code_of_the_reference_s_page_prints_what_stands_below_it(
     assert automcm("trace", "explain", *logs).exit_code == 0
 
 
+def test_the_code_of_the_radio_s_page_prints_what_stands_below_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (_, code), (_, printed) = blocks("radio.md")
+    exec(compile(code, "<radio.md>", "exec"), {})
+    assert capsys.readouterr().out == printed
+
+
 @pytest.mark.slow
 def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> None:
     rule, printed = (text for _, text in blocks("reading-the-spec.md"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from automcm_conformance.adapter import process
 from automcm_conformance.adapter.process import STDERR_LENGTH, STDERR_LINES, AdapterError, Process
 
 LIMIT = 0.4
@@ -269,7 +270,10 @@ def test_its_children_end_after_a_clean_stop() -> None:
     assert gone(pid)
 
 
-def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody() -> None:
+def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process.children, "descendants", lambda *_: set())  # it is not found
     away = FORK.format(first=AWAY)
     with start(away + "input()") as child:
         pid = int(child.exchange([LINE])[0])
@@ -344,3 +348,32 @@ while True:
         assert tracemalloc.get_traced_memory()[1] < 8 << 20
     finally:
         tracemalloc.stop()
+
+
+DAEMONS = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()
+    if {twice} and os.fork():
+        os._exit(0)
+    print(os.getpid(), flush=True)
+    time.sleep(600)
+sys.stdin.readline()
+time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_child_that_calls_setsid_ends_too(twice: bool) -> None:
+    with start(DAEMONS.format(twice=twice)) as child:
+        (pid,) = map(int, child.exchange([b"go\n"]))
+        assert alive(pid)
+    assert gone(pid) and not child.left
+
+
+def test_a_child_that_cannot_be_ended_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "_ROUNDS", 1)
+    monkeypatch.setattr(process.children, "descendants", lambda *_: {2**30})
+    with start("import sys\nfor line in sys.stdin:\n if 'stop' in line: break") as child:
+        assert child.stop() == f"processes of the adapter are still running: {2**30}"

@@ -212,7 +212,7 @@ def test_an_unknown_selector_is_refused(selector: str, near: str) -> None:
 
 
 def test_nothing_near() -> None:
-    with pytest.raises(ValueError, match=r"level$"):
+    with pytest.raises(ValueError, match=r"name$"):
         select(PURPOSES, ["xyzzy"])
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import partial
 from pathlib import Path
 
 import pytest
 from cli_stage import automcm
 
-from automcm_cli.reference import simulate_command
+from automcm_cli.reference import simulate_command, traffic_command
 from automcm_maintenance.benches import kernel_bench
 
 PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
@@ -124,6 +125,17 @@ def test_bench_station_prints_ratios() -> None:
 
 
 @pytest.mark.slow
+def test_bench_radio_is_beside_a_coin_for_each_receiver() -> None:
+    code, said = run("bench", "radio", "--seconds", "0.1", "--json", "-")
+    rates = json.loads(said)["rates"]
+    assert code == 0 and [rate["vehicles"] for rate in rates] == [10, 50, 100, 200]
+    assert all(0 < rate["table"] < rate["coins"] for rate in rates)
+    receptions = [rate["receptions"] for rate in rates]
+    assert receptions == sorted(set(receptions))
+    assert rates[2]["table"] > 1.0  # faster than real time
+
+
+@pytest.mark.slow
 def test_bench_security_has_baselines_of_the_same_run() -> None:
     code, said = run("bench", "security", "--seconds", "0.1", "--json", "-")
     report = json.loads(said)
@@ -150,3 +162,36 @@ def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_bench, "run", small)
     code, said = run("bench", "kernels", "--seconds", "1")
     assert code == 0 and "to floor" in said and "pairs" in said
+
+
+def test_traffic_without_sumo_is_exit_code_3_and_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    done = automcm("simulate", "traffic", "--out", tmp_path)
+    assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
+
+
+def test_an_unknown_scenario_is_a_usage_error_that_lists_them(tmp_path: Path) -> None:
+    done = automcm("simulate", "traffic", "--scenario", "fly", "--out", tmp_path)
+    assert done.exit_code == 2 and "lane-change-4" in done.output
+    assert automcm("simulate", "traffic", "--penetration", "2").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        ({}, 0),
+        ({"between_equipped": 1}, 1),
+        ({"by_maneuver": 1}, 1),
+        ({"all": 1}, 0),
+        ({"hazard": 1}, 1),
+    ],
+)
+def test_what_must_not_happen_in_traffic_is_exit_code_1(wrong: dict[str, int], code: int) -> None:
+    collisions = {"between_equipped": 0, "by_maneuver": 0, "all": 0} | wrong
+    hazards = {"wrong": [{"seed": 1}] if "hazard" in wrong else []}
+    assert traffic_command._bad({"collisions": collisions, "hazards": hazards}) == bool(code)
+    assert not traffic_command._bad(
+        {"collisions": collisions | dict.fromkeys(collisions, 0), "hazards": None}
+    )

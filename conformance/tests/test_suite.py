@@ -216,6 +216,7 @@ def test_two_runs_give_the_same_bytes(conform: Suite) -> None:
     for name in ("first", "second"):
         (conform.folder / name).mkdir()
         found = conform(station(IGNORES), BUSY, ACCEPTS, LATER, states=60, folder=f"{name}/report")
+        found.case_seconds.clear()  # measured
         written = report.write(found, conform.folder / name / "report")
         texts.append([file.read_text().replace(f"/{name}/", "/") for file in written])
     assert texts[0] == texts[1]
@@ -277,6 +278,23 @@ def test_a_good_file_of_expectations(tmp_path: Path) -> None:
 
 
 # -- a run that ends early
+
+
+def test_a_quick_run_says_what_it_omits(conform: Suite) -> None:
+    names = (BUSY, "AMCM/PRE/CMD/BI-01", "AMCM/SYS/REL/BV-01")
+    whole = conform(station(), BUSY, "AMCM/PRE/CMD/BI-01", folder="whole")
+    quick = conform(station(), *names, quick=True)
+    for one, other in zip(whole.cases, quick.cases, strict=False):
+        assert other.verdict == "PASS" and 0 < other.reached < one.reached
+        assert f"{one.reached - other.reached:,} need the whole suite" in other.reason
+    assert of(quick, "AMCM/SYS/REL/BV-01").verdict == "SKIP" and quick.exit_code == 0
+    assert conform(station(IGNORES), BUSY, quick=True, folder="wrong").exit_code == 1
+
+
+def test_a_run_stops_after_so_many_failed_cases(conform: Suite) -> None:
+    found = conform(station(IGNORES), states=60, stop_after=1)
+    assert found.counts["FAIL"] == 1 and found.counts["INCONC"] > 50
+    assert found.problems == ["cut short after 1 cases that did not pass"]
 
 
 @pytest.mark.parametrize(

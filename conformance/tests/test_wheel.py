@@ -30,6 +30,7 @@ main()
 """
 NEED_REPOSITORY = (
     *("verify", "generate", "bench", "spec bench", "spec pages", "spec mutate"),
+    "spec prove",
     "conform certify",
 )
 
@@ -117,5 +118,5 @@ def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
 
 def test_the_extra_all_is_all_extras_that_are_not_for_developers() -> None:
     extras = PROJECT["project"]["optional-dependencies"]
-    others = sorted(set(extras) - {"all", "dev", "docs", "mutate"})
+    others = sorted(set(extras) - {"all", "dev", "docs", "mutate", "prove"})
     assert extras["all"] == [f"automcm[{','.join(others)}]"]

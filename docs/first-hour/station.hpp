@@ -20,7 +20,8 @@ class Station {
 public:
     Station(Time now, std::int64_t station_id, std::uint64_t /*seed*/, const json& parameters)
         : now_(now), me_(station_id), t_resend_(parameters.at("t_resend")),
-          t_decide_(parameters.at("t_decide")), t_cam_loss_(parameters.at("t_cam_loss")) {
+          t_decide_(parameters.at("t_decide")), t_cam_loss_(parameters.at("t_cam_loss")),
+          max_rounds_(parameters.at("max_rounds")) {
         const Time t_timeout = parameters.at("t_timeout");
         t_giveup_ = (1 + t_timeout / t_resend_) * t_resend_;
         t_life_ = 2 * t_giveup_;
@@ -83,6 +84,7 @@ private:
     Time now_, t_giveup_ = 0, t_life_ = 0;
     std::int64_t me_;
     Time t_resend_, t_decide_, t_cam_loss_, lease_ = 0;
+    std::int64_t max_rounds_;
     std::string phase_ = "STANDALONE";
     json session_ = json::array();
     std::int64_t proposal_ = 0;    // the newest seen in this session
@@ -174,7 +176,8 @@ private:
                                    message.value("reason", "") == "closed";
         const bool to_prescriber = type == "Intention" || type == "Acceptance";
         return source == me_ || message.contains("dst") == (type == "Advertisement") ||
-               (of_prescriber && source != prescriber) || (to_prescriber && prescriber != me_);
+               (of_prescriber && source != prescriber) || (to_prescriber && prescriber != me_) ||
+               (type == "Prescription" && message["proposal"] > max_rounds_);
     }
 
     void on_advertisement(const json& message, const json& planned) {

@@ -44,6 +44,26 @@ def test_app_6_the_bounds_hold_whatever_the_ways_and_however_many_are_late(
         assert high >= offset
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 900), st.sampled_from((-260, -151, -150, -90, 0, 99, 100, 101, 190))
+        ),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_app_6_each_cam_is_judged_as_the_bounds_of_all(cams: list[tuple[int, int]]) -> None:
+    offsets = ClockOffsets(1, 4, KNOWN, lambda station_id, bounds: None)
+    kept: list[tuple[int, int]] = []
+    now = 0
+    for later, off in cams:
+        now += later
+        kept = [*kept, (now + off, now)][-CAMS:]
+        judged = in_step(bounds(kept, now, DELAY_MS, KNOWN["clock_drift"]))
+        assert offsets.heard(2, now + off, now) is judged
+
+
 @dataclass
 class Asked(Straight):
     """Keeps what it was asked."""

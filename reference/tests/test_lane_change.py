@@ -17,7 +17,7 @@ from automcm.scenarios.drive import FourVehicles, SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.scenarios.planning import gained_at, read
 from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
-from automcm.service.application import Advertised
+from automcm.service.application import Advertised, Proposal
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_files
@@ -235,6 +235,31 @@ def test_act_4_the_lease_is_longer_than_a_slow_maneuver() -> None:
     drive = FourVehicles(vehicles=2, speed_kmh=6, until_s=90).run()
     prescriber, _ = lane_changers(drive)
     assert "has changed lanes" in said(prescriber)
+
+
+class Commands:
+    """A service that keeps its commands."""
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+
+    def now(self) -> int:
+        return 0
+
+    def command(self, command: Any, after_ms: int = 0) -> None:
+        self.given.append(command)
+
+
+def test_neg_3_who_changes_lanes_itself_refuses_a_prescription() -> None:
+    for changing in (False, True):
+        receiver, service = LaneChange(Vehicle(3, 0.0, 1, 20.0, 20.0)), Commands()
+        receiver.attach(service)
+        planned = receiver.concerned(Advertised((1, 1), "lane_change", {"lane": 1}, None))
+        assert planned is not None
+        if changing:
+            receiver.vehicle.change_lane(0, 0.0)
+        receiver.verify(Proposal((1, 1), 1, planned, 0, 10_000))
+        assert [command.name for command in service.given] == ["refuse" if changing else "accept"]
 
 
 @pytest.mark.parametrize("lane", [True, 1.0, "1"])

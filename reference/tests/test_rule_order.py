@@ -10,8 +10,11 @@ from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import cited, operators
 
 COMMENT = re.compile(r"\(\*.*?\*\)|\\\*[^\n]*", re.DOTALL)
+OTHER_RULE = re.compile(r"\w+\([\w, ]*\) EXCEPT !\.rule")
+"""An operator whose own rule is replaced."""
 BODY = {
-    name: COMMENT.sub("", text).partition("==")[2] for name, (_, text) in operators(TLA).items()
+    name: OTHER_RULE.sub("", COMMENT.sub("", text)).partition("==")[2]
+    for name, (_, text) in operators(TLA).items()
 }
 
 

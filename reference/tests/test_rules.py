@@ -40,7 +40,7 @@ RECEIVERS = (ME, 5, 0)
 SMALL = {"max_participants": 2, "max_rounds": 2, "outbox_limit": 4, "memory_limit": 1}
 """Limits that bind (MEM-1)."""
 COMMANDS = {
-    **{name: () for name in ("request", "proceed", "complete", "abort")},
+    **{name: () for name in ("request", "close", "proceed", "complete", "abort")},
     **{"prescribe": ("proposal", "target"), "accept": ("proposal",), "refuse": ("proposal",)},
 }
 
@@ -186,6 +186,34 @@ def test_neg_7_the_target_never_changes_and_the_proposal_grows_by_one() -> None:
     assert (s.at, s.state.proposal) == (("prescriber", "PRESCRIBING"), 2)
     # NEG-6: a late copy of a refusal does not refuse the next proposal
     assert {s.hear(2270, late(session=OWN))[0].rule for late in (no, yes)} == {"NEG-6"}
+
+
+def test_adv_9_closing_the_window_is_its_end_and_stops_its_timers() -> None:
+    closed, expired = (at("prescriber", "ADVERTISING") for _ in range(2))
+    assert told(closed.do(10, "close", OWN))[0].name == "refused"  # nobody has answered
+    for s in (closed, expired):
+        s.hear(20, intention(session=OWN))
+    (effects,) = closed.do(30, "close", OWN)
+    last = expired.run(expired.station.next_deadline() or 0)
+    while expired.at[1] == "ADVERTISING":
+        last = expired.run(expired.station.next_deadline() or 0)
+    assert effects.state == expired.state and effects.indications == last[-1].indications
+    assert {timer.name for timer in effects.stopped} == {"advertise", "resend"}
+    assert [timer.name for timer in closed.station.timers] == ["decide"]
+    assert told(closed.do(40, "close", OWN))[0].name == "refused"
+    assert sent(closed.hear(50, intention(OTHER, OWN)), "Cancel")[0].reason == "closed"
+
+
+def test_end_5_a_proposal_above_max_rounds_is_discarded_in_every_phase() -> None:
+    for role, phase in Stage.PHASES:
+        s = at(role, phase)
+        before = s.state
+        (effects,) = s.hear(s.now, prescription(SMALL["max_rounds"] + 1, THEIRS))
+        assert (effects.rule, sent([effects]), s.state) == ("END-5", [], before)
+        assert told([effects])[0].name == "discarded"
+    last = prescription(SMALL["max_rounds"], THEIRS)
+    s = at("receiver", "INTENDING")
+    assert s.hear(s.now, last)[-1].rule == "NEG-1"
 
 
 def test_neg_7_no_agreement_after_max_rounds() -> None:

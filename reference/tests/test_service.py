@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import automcm_stage
@@ -10,9 +11,18 @@ from service_stage import PATH, Jumpy, Noted, alone, cam, pair
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import LANE_CHANGE
-from automcm.service.application import Advertised, AgreedManeuver, Choice, Kinematics, Proposal
+from automcm.service.application import (
+    Advertised,
+    AgreedManeuver,
+    Choice,
+    CloseWindow,
+    Kinematics,
+    Proposal,
+    all_answered,
+)
+from automcm.service.service import McService
 from automcm_spec.vocabulary.application import Refuse
-from automcm_spec.vocabulary.messages import BROADCAST, Intention, encode
+from automcm_spec.vocabulary.messages import BROADCAST, Cancel, Intention, encode
 from automcm_spec.vocabulary.parameters import Parameters
 
 
@@ -53,6 +63,70 @@ def test_neg_3_a_verdict_that_comes_too_late_is_told_as_undecided() -> None:
     simulation.run(5000)
     assert ("refused", "undecided", "NEG-3") in receiver.calls
     assert any(call[:2] == ("refused", "accept") for call in receiver.of(tuple))
+
+
+def chosen_at(
+    close_window: CloseWindow | None, deaf: tuple[int, ...] = (), stations: int = 3
+) -> tuple[int, set[int]]:
+    """When the prescriber may choose, in ms after its request at 1000, and from whom.
+
+    Not concerned are the stations in ``deaf``.
+    """
+    service = partial(McService, close_window=close_window)
+    simulation = Simulation(channel=Channel(delay_ms=(0, 0)), service=service)
+    prescriber = Noted(concerned_by_all=False)
+    at: dict[str, int] = {}
+    simulation.add(
+        1,
+        prescriber,
+        observers=(lambda before, effects: at.setdefault(effects.state.phase, effects.now_ms),),
+    )
+    for station_id in range(2, stations + 1):
+        simulation.add(station_id, Noted(concerned_by_all=station_id not in deaf))
+    simulation.request(1, 1000)
+    simulation.run(5000)
+    assert not [call for call in prescriber.of(tuple) if call[0] == "refused"]
+    return at["CHOOSING"] - 1000, set(prescriber.of(Choice)[0].planned)
+
+
+def test_adv_9_the_window_closes_when_every_known_neighbour_has_answered() -> None:
+    end = Parameters().t_advertise
+    assert chosen_at(None) == (end, {2, 3})
+    assert chosen_at(all_answered) == (0, {2, 3})
+    assert chosen_at(all_answered, deaf=(3,)) == (end, {2})  # somebody has not answered
+    assert chosen_at(lambda answered, heard: 2 in answered) == (0, {2})  # as the application likes
+
+
+def test_adv_9_without_a_known_neighbour_the_window_stays_open() -> None:
+    assert not all_answered({2}, ())
+    service, wire, _ = alone(close_window=all_answered)
+    service.command(LANE_CHANGE)
+    service.receive(encode(Intention(src=2, dst=1, session=(1, 1), seq=1, planned=PATH)))
+    assert service.state.phase == "ADVERTISING"
+    service.receive(cam(3, 10))
+    assert service.state.phase == "ADVERTISING"  # 3 has not answered
+    service.receive(encode(Intention(src=3, dst=1, session=(1, 1), seq=1, planned=PATH)))
+    assert service.state.phase == "CHOOSING"
+    service.receive(encode(Intention(src=4, dst=1, session=(1, 1), seq=1, planned=PATH)))
+    assert wire.of("Cancel")[-1].reason == "closed"  # ADV-5, as after the expiry
+
+
+def test_adv_9_a_cam_of_who_has_answered_closes_the_window() -> None:
+    service, _, _ = alone(close_window=all_answered)
+    service.command(LANE_CHANGE)
+    service.receive(encode(Intention(src=2, dst=1, session=(1, 1), seq=1, planned=PATH)))
+    service.receive(cam(2, 10))
+    assert service.state.phase == "CHOOSING"
+
+
+def test_adv_9_the_window_stays_open_if_all_have_withdrawn() -> None:
+    service, _, _ = alone(close_window=all_answered)
+    service.command(LANE_CHANGE)
+    service.receive(cam(2, 10))
+    service.receive(encode(Cancel(src=2, dst=1, session=(1, 1), seq=1, reason="abort")))
+    assert service.state.phase == "ADVERTISING" and not service.application.calls
+    service.receive(encode(Intention(src=3, dst=1, session=(1, 1), seq=1, planned=PATH)))
+    assert service.state.phase == "CHOOSING"  # 2 has answered, too
 
 
 def test_a_command_given_within_a_callback_is_carried_out_after_it() -> None:

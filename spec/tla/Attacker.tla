@@ -50,7 +50,7 @@ Sessions == (Prescribers \cup Keys) \X (1 .. MaxSessions)
 
 SessionsOfOthers == (Prescribers \ Keys) \X (1 .. MaxSessions)
 
-Proposals == 1 .. MaxRounds
+Proposals == 1 .. MaxRounds + 1
 
 \* As p, to station s, of session x: as its prescriber, as its receiver, or as
 \* neither.  (An Ack of what s is not sending does nothing: END-6.)

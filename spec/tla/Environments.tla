@@ -49,8 +49,8 @@ SilentFaults == {Variant(f, FALSE, TRUE) : f \in Faults}
 Worst == { [ Fault("anything", FALSE, FALSE, {}, FALSE, FALSE, TRUE, FALSE)
                EXCEPT !.duplicates = TRUE,
                       !.aborters = Stations, !.restarters = Restarters,
-                      !.commands = {"request", "prescribe", "proceed", "accept",
-                                    "refuse", "complete", "abort"} ] }
+                      !.commands = {"request", "close", "prescribe", "proceed",
+                                    "accept", "refuse", "complete", "abort"} ] }
 
 \* Every CAM is heard, and only Cancels are lost: T-8 has its say.
 AllHeard == { [ Fault("all heard", TRUE, TRUE, {}, TRUE, FALSE, TRUE, TRUE)
@@ -106,8 +106,9 @@ TightInv ==
 PrescriberGoes ==
   \E s \in Prescribers : Bound(st[s]) \/ st[s].number < MaxSessions
 
-\* How long the window is does not matter to T-2.
+\* How long the window is does not matter to T-2, so nobody need close it.
 ShortWindow == 1
+WorstUnclosed == {[e EXCEPT !.commands = @ \ {"close"}] : e \in Worst}
 
 \* Must-fail models look at one fault class.
 Restarts     == {e \in Faults : e.name = "restart"}

@@ -3,7 +3,9 @@
 (* What the sessions of one station have to do with each other, for every  *)
 (* input of OpenStation in every state.                                    *)
 (*                                                                         *)
-(*  N-1  An input of one session changes no other session.                 *)
+(*  N-1  An input of one session changes no other session, and bars or     *)
+(*       unbars only sessions of the same prescriber.  An input of no      *)
+(*       session changes quarantine or back-off only if its timer expires. *)
 (*  N-2  What an input does to its session depends on that session alone,  *)
 (*       but for the interface: whether a session may start (Free), and    *)
 (*       whether a station that is not in a session calls itself busy.     *)
@@ -42,9 +44,10 @@ OfSession == {"advertise", "decide", "hold", "answer", "cam", "lease"}
 
 \* The sessions that a timer of station a belongs to.
 OfTimer(a, t) ==
-  CASE t[1] \in OfSession             -> {a.session}
-    [] t[1] \in {"resend", "giveup"}  -> {t[2].session}
-    [] OTHER                          -> {}
+  CASE t[1] = "resend"    -> {t[2].session}
+    [] t[1] = "giveup"    -> {t[2].session}
+    [] t[1] \in OfSession -> {a.session}
+    [] OTHER              -> {}
 
 \* The sessions that an input belongs to.
 Of(a, i) ==
@@ -55,16 +58,32 @@ Of(a, i) ==
                                                     ELSE i.session}
     [] i.kind = "restart" -> Sessions
 
+\* Whose sessions it may bar or unbar (ADV-1, ADV-3, ADV-8).
+Prescribers(a, i) ==
+  IF i.kind = "expire" /\ i.timer[1] = "forget" THEN {i.timer[2]}
+  ELSE {x[1] : x \in Of(a, i)}
+
 \* (Those that it stops follow from the parts before and after.)
 ArmedOf(r, x) == {t \in r.arm : x \in OfTimer(r.st, t)}
 
 (***************************************************************************)
 (* N-1                                                                     *)
 (***************************************************************************)
-Untouched(a, r, x) ==
+Untouched(a, r, i, x) ==
   /\ Part(r.st, x) = Part(a, x)
+  /\ Barred(r.st, x) = Barred(a, x) \/ x[1] \in Prescribers(a, i)
   /\ \A m \in r.out : m.session # x
   /\ ArmedOf(r, x) = {}
+
+\* END-8, ACT-6, END-7: what concerns every session.
+Flags(a) == <<a.quarantine, a.backoff>>
+
+\* An input of no session is another timer, or a CAM without marks.
+KeepsFlags(a, r, i) ==
+  \/ Of(a, i) # {}
+  \/ i.kind = "expire" /\ i.timer = Timer("quarantine") /\ r.st.backoff = a.backoff
+  \/ i.kind = "expire" /\ i.timer = Timer("backoff") /\ r.st.quarantine = a.quarantine
+  \/ Flags(r.st) = Flags(a)
 
 (***************************************************************************)
 (* N-2.  The interface between sessions: each member can be taken away by  *)
@@ -74,7 +93,7 @@ Unbound(a)      == ~Bound(a)                                   \* ADV-4
 Unquarantined(a) == ~a.quarantine                              \* END-8, ACT-6
 NoBackoff(a)    == ~a.backoff                                  \* END-7
 HasRoom(a)      == Room(a)                                     \* MEM-1
-Remembers(a, p) == RoomToRemember(a, p)                        \* MEM-1
+Remembers(a, i) == RoomToRemember(a, i.message.src)            \* MEM-1
 Busy(a)         == Bound(a)                                    \* NEG-4
 
 \* Whether the input asks to start its session, and the station may.
@@ -84,13 +103,14 @@ Advertises(i) == i.kind = "receive" /\ i.message.type = "Advertisement"
 Free(a, i) ==
   /\ Unbound(a) /\ Unquarantined(a) /\ HasRoom(a)
   /\ Requests(i) => NoBackoff(a)
-  /\ Advertises(i) => Remembers(a, i.message.src)
+  /\ Advertises(i) => Remembers(a, i)
 
 \* Nothing changes, and nothing is sent.
 Idle(a, r) == r.st = a /\ r.out = {} /\ r.arm = {}
 
-Same(r, q, x) ==
+Same(a, r, q, x) ==
   /\ Part(r.st, x) = Part(q.st, x)
+  /\ Flags(r.st) = <<a.quarantine \/ q.st.quarantine, a.backoff \/ q.st.backoff>>
   /\ Barred(r.st, x) = Barred(q.st, x)
   /\ r.out = q.out /\ r.told = q.told
   /\ ArmedOf(r, x) = ArmedOf(q, x)
@@ -109,8 +129,8 @@ SaysBusy(a, r, q, i, x) ==
   /\ q.out = {RefusalAnswer(Me, i.message, "unknown_session")}
 
 Own(a, r, i, x) ==
-  LET q == Step(Me, Alone(a, x), i) IN
-  Same(r, q, x) \/ NotStarted(a, r, i) \/ SaysBusy(a, r, q, i, x)
+  \E b \in {Alone(a, x)} : \E q \in {Step(Me, b, i)} :
+    Same(a, r, q, x) \/ NotStarted(a, r, i) \/ SaysBusy(a, r, q, i, x)
 
 (***************************************************************************)
 (* N-3                                                                     *)
@@ -119,7 +139,8 @@ Own(a, r, i, x) ==
 From(i) ==
   CASE i.kind = "receive" -> i.message.src
     [] i.kind = "cam"     -> i.src
-    [] i.kind = "expire" /\ i.timer[1] \in {"resend", "giveup"} -> i.timer[2].to
+    [] i.kind = "expire" /\ i.timer[1] = "resend" -> i.timer[2].to
+    [] i.kind = "expire" /\ i.timer[1] = "giveup" -> i.timer[2].to
     [] OTHER              -> Nobody
 
 \* What an own session has to do with participant p.
@@ -133,26 +154,26 @@ OthersAlone(a, r, i) ==
     /\ Participation(r.st, p) = Participation(a, p)
 
 (***************************************************************************)
-(* Each lemma, for every input in every state.                             *)
+(* Each lemma, for an input i in state a with the outcome r.               *)
 (***************************************************************************)
+N1(a, r, i) ==
+  \/ Idle(a, r)
+  \/ /\ \A x \in Sessions \ Of(a, i) : Untouched(a, r, i, x)
+     /\ KeepsFlags(a, r, i)
+
+N2(a, r, i) == i.kind # "restart" => \A x \in Of(a, i) : Own(a, r, i, x)
+
+N3(a, r, i) ==
+  /\ a.role = "prescriber" /\ r.st.session = a.session
+  /\ From(i) \in Peers /\ a.session \in Of(a, i)
+  => OthersAlone(a, r, i)
+
+\* For every input in every state.
 Done == [st |-> st', out |-> last'.out, told |-> last'.told, arm |-> last'.arm]
 
-N1Prop ==
-  [][ LET r == Done IN
-      Idle(st, r) \/ \A x \in Sessions \ Of(st, last'.input) : Untouched(st, r, x)
-    ]_<<st, last>>
-
-N2Prop ==
-  [][ LET r == Done
-          i == last'.input
-      IN i.kind # "restart" => \A x \in Of(st, i) : Own(st, r, i, x) ]_<<st, last>>
-
-N3Prop ==
-  [][ LET r == Done
-          i == last'.input
-      IN /\ st.role = "prescriber" /\ st'.session = st.session
-         /\ From(i) \in Peers /\ st.session \in Of(st, i)
-         => OthersAlone(st, r, i) ]_<<st, last>>
+N1Prop == [][N1(st, Done, last'.input)]_<<st, last>>
+N2Prop == [][N2(st, Done, last'.input)]_<<st, last>>
+N3Prop == [][N3(st, Done, last'.input)]_<<st, last>>
 
 THEOREM SSpec => N1Prop /\ N2Prop /\ N3Prop
 
@@ -160,7 +181,7 @@ THEOREM SSpec => N1Prop /\ N2Prop /\ N3Prop
 (* Stations whose sessions are coupled, for must-fail models.              *)
 (***************************************************************************)
 Always(a)       == TRUE
-AlwaysTo(a, p)  == TRUE
+AlwaysTo(a, i)  == TRUE
 Never(a)        == FALSE
 
 \* An Ack that does not look at the session (END-6).

@@ -149,8 +149,8 @@ Ending == {"advertise", "decide", "hold", "answer", "lease", "giveup"}
 EndingOf(s) == Ending \ (If(s \notin Receivers, {"hold"})
                          \cup If(s \notin Prescribers, {"advertise", "answer"}))
 Asked  == {"prescribe", "accept", "complete"}
-Free   == IF Patient THEN Asked \cup {"request", "refuse"}
-          ELSE Asked \cup {"request", "proceed", "refuse", "abort"}
+Free   == IF Patient THEN Asked \cup {"request", "close", "refuse"}
+          ELSE Asked \cup {"request", "close", "proceed", "refuse", "abort"}
 
 LNext ==
   \/ \E s \in Stations :

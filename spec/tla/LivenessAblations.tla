@@ -23,6 +23,9 @@ NotNext(k, l)       == k # Circular(l)
 \* is a copy to it.
 OneProposal(k, l) == l # 0
 
+\* The window may close before anybody is recorded.
+ClosesEmpty(x) == TRUE
+
 \* For this nobody needs to accept, abort or proceed alone.
 OnlyRefusing        == {"request", "prescribe", "refuse"}
 ==============================================================================

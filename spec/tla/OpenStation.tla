@@ -96,7 +96,7 @@ Commands ==
     {Cmd("prescribe", s, k, p) : s \in Sessions, k \in Rounds, p \in Peers},
     {Cmd(name, s, k, Nobody) : name \in {"accept", "refuse"}, k \in Rounds,
                                s \in Sessions},
-    {Cmd(name, s, 0, Nobody) : name \in {"proceed", "complete", "abort"},
+    {Cmd(name, s, 0, Nobody) : name \in {"close", "proceed", "complete", "abort"},
                                s \in Sessions} }
 
 MyEntries ==
@@ -135,17 +135,13 @@ RECURSIVE AsSeq(_)
 AsSeq(S) == IF S = {} THEN <<>>
             ELSE LET x == CHOOSE y \in S : TRUE IN <<x>> \o AsSeq(S \ {x})
 
-\* Inputs the environment offers: armed timers; requests while numbers last;
-\* proposals beyond MaxRounds only where they would be out of turn.
+\* Inputs the environment offers: armed timers; requests while numbers last.
 \* One order of two timers of the same station is assumed: an entry sent when
 \* leaving is given up (t_giveup) before the session is forgotten (t_life).
 Offered(x, i) ==
   /\ i.kind = "expire" => i.timer \in Armed(Me, x)
   /\ i.kind = "expire" /\ i.timer[1] = "forget" =>
        \A e \in x.outbox : e.session[1] # i.timer[2]
-  /\ i.kind = "receive" /\ i.message.type = "Prescription"
-     /\ i.message.proposal = Beyond =>
-       x.session # i.message.session \/ x.phase \in {"NEGOTIATING", "ACTUATING"}
   /\ i.kind = "command" /\ i.name = "request" =>
        Bound(x) \/ x.number + 1 \in OwnSessions
 

@@ -191,6 +191,8 @@ AckMatches(e, m)   ==                                          \* END-6
   /\ e.session = m.session
   /\ m.of[2] # 0
   /\ m.of = <<e.type, e.seq>>
+WithinRounds(k) == k <= MaxRounds                              \* END-5
+MayClose(st) == st.recorded # {}                               \* ADV-9
 NewerThanJoined(st, s) ==                                      \* ADV-8
   ~ \E j \in st.joined : j[1] = s[1] /\ j[2] >= s[2]
 Quarantined(st) == st.quarantine                               \* END-8
@@ -280,6 +282,13 @@ OnAdvertiseEnd(me, st) ==
   IF st.recorded = {} THEN NoParticipants(st, {})
   ELSE Effect([st EXCEPT !.phase = "CHOOSING", !.withdrawn = {}],
               {}, <<"choose">>, "PRE-1")
+
+\* The application closes the window: it ends as by the timer, which Step stops.
+OnClose(me, st, c) ==                                          \* ADV-9
+  IF st.phase # "ADVERTISING" THEN Refuse(st, "CMD-1")
+  ELSE IF c.session # st.session THEN Refuse(st, "PRE-5")
+  ELSE IF ~MayClose(st) THEN Refuse(st, "ADV-9")
+  ELSE [OnAdvertiseEnd(me, st) EXCEPT !.rule = "ADV-9"]
 
 \* Sends proposal k to the target and releases the others.
 Prescribe(me, st, to, k, rule) ==
@@ -445,6 +454,7 @@ BreaksProtocol(me, m) ==
   \/ m.src = me
   \/ (m.dst = Broadcast) # (m.type = "Advertisement")
   \/ m.type \in {"Advertisement", "Prescription"} /\ m.src # m.session[1]
+  \/ m.type = "Prescription" /\ ~WithinRounds(m.proposal)
   \/ m.type \in {"Intention", "Acceptance"} /\ m.session[1] # me
   \/ m.type = "Cancel" /\ m.reason = "closed" /\ m.src # m.session[1]
 
@@ -461,6 +471,7 @@ OnMessage(me, st, m, concerned) ==
 
 OnCommand(me, st, c) ==
   CASE c.name = "request"   -> OnRequest(me, st)
+    [] c.name = "close"     -> OnClose(me, st, c)
     [] c.name = "prescribe" -> OnPrescribe(me, st, c)
     [] c.name = "proceed"   -> OnProceed(me, st, c)
     [] c.name = "accept"    -> OnAccept(me, st, c)

@@ -89,7 +89,8 @@ Commands(s) ==
   \cup If(Bound(x),
      {Cmd("prescribe", x.session, NextProposal(x.proposal), p) : p \in Stations}
      \cup {Cmd(name, x.session, x.proposal, Nobody) : name \in {"accept", "refuse"}}
-     \cup {Cmd(name, x.session, 0, Nobody) : name \in {"proceed", "complete", "abort"}})
+     \cup {Cmd(name, x.session, 0, Nobody) :
+             name \in {"close", "proceed", "complete", "abort"}})
 
 \* Those of these names that do something: where a refused one would be a step,
 \* it is left out.
@@ -191,24 +192,28 @@ Dead(x, m) ==
 Living(x, ms) == IF Reduced THEN {m \in ms : ~Dead(x, m)} ELSE ms
 
 \* Reduced, all that is answered without a change is in the net already: such
-\* an input does nothing.  (view' # view in Do says the same, later.)
+\* an input does nothing.  (view' # view in Moves says the same, later.)
 Idle(s, r) ==
   Reduced /\ r.st = st[s] /\ Living(st, Heeded(r.out)) \subseteq net
 
 \* view' # view is a guard: an input that does nothing is no step.  Without it
 \* nothing but `last` would change, and each refused command and each copy of a
 \* message would be one more step of stuttering.
-Do(s, i) ==
+Moves(s, i, dying) ==
   \E r \in {x \in {Decide(s, st[s], i)} : ~Idle(s, x)} :
   \E x \in {[st EXCEPT ![s] = GivenUp(r.st)]} :
-  \E n \in {Sent(Died(net, Dies(i)), Heeded(r.out))} :
+  \E n \in {Sent(Died(net, dying), Heeded(r.out))} :
     /\ st' = x
     /\ net' = Living(x, Sent(n, AllAnswers(s, x, n \ net, n)))
     /\ excused' = IF Excuses(s, i) THEN excused \cup {<<st[s].session, s>>}
                   ELSE excused
     /\ received' = received \cup Received(i)
-    /\ last' = [station |-> s, input |-> i, rule |-> r.rule]
     /\ view' # view
+
+Happened(s, i) ==
+  last' = [station |-> s, input |-> i, rule |-> Decide(s, st[s], i).rule]
+
+Do(s, i) == Moves(s, i, Dies(i)) /\ Happened(s, i)
 
 \* An action for each kind of input, so that TLC names it in a counterexample
 \* and counts each one in its coverage; last' has the input itself.

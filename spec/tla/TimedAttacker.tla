@@ -94,8 +94,8 @@ CamsNeverStale(m) == IF m.type = "CAM" THEN Lease ELSE Window
 
 TooLong(m) == Min(LifeTime, QuarantineTime - CamLoss) + 1
 
-\* A proposal above max_rounds is well formed (docs/protocol.md, section 2).
-OneMoreProposal == 1 .. MaxRounds + 1
+\* No last proposal (END-5).
+AnyProposal(k) == TRUE
 
 \* He sends CAMs only.
 NoSayings(p, s, x) == {}

@@ -121,8 +121,11 @@ Settled == \A s \in Stations : Due(s) = {}
 \* Timers armed anew beyond what Step says: none.
 AlsoArmed(s, r) == {}
 
+\* The timers that run after it: those of the station.
+Running(s, i, r) == Armed(s, r.st)
+
 Clock(s, i, r) ==
-  LET after == Armed(s, r.st)
+  LET after == Running(s, i, r)
       anew  == Expired(i) \cup r.again \cup AlsoArmed(s, r)
   IN [t \in after |-> IF t \in DOMAIN clock[s] /\ t \notin anew
                       THEN clock[s][t] ELSE Duration(s, t)]

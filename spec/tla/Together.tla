@@ -17,8 +17,8 @@ TogetherView == <<tview, apart>>
 Perfect ==
   { [ Fault("none", TRUE, TRUE, {}, FALSE, FALSE, TRUE, FALSE)
         EXCEPT !.aborters = Stations,
-               !.commands = {"request", "prescribe", "proceed", "accept",
-                             "refuse", "complete", "abort"} ] }
+               !.commands = {"request", "close", "prescribe", "proceed",
+                             "accept", "refuse", "complete", "abort"} ] }
 
 \* In a session that its other side is not in, or no longer.
 Alone(s) ==
@@ -90,11 +90,11 @@ THEOREM TogetherSpec => []LeftInv
 \* The prescriber finishes, aborts or restarts, and what may be lost may be lost.
 Leaving ==
   { [Fault("finishes", FALSE, TRUE, {}, FALSE, FALSE, FALSE, FALSE)
-       EXCEPT !.commands = {"request", "prescribe", "accept", "complete"}],
+       EXCEPT !.commands = {"request", "close", "prescribe", "accept", "complete"}],
     [Fault("aborts", FALSE, TRUE, {}, FALSE, FALSE, FALSE, FALSE)
-       EXCEPT !.aborters = Prescribers],
+       EXCEPT !.aborters = Prescribers, !.commands = @ \cup {"close"}],
     [Fault("restarts", FALSE, FALSE, {}, FALSE, FALSE, FALSE, FALSE)
-       EXCEPT !.restarters = Prescribers] }
+       EXCEPT !.restarters = Prescribers, !.commands = @ \cup {"close"}] }
 
 \* When the receivers have left there is nothing more to see.
 ReceiverGoes == \E s \in Receivers : Bound(st[s]) \/ st[s].joined = {}
@@ -104,6 +104,16 @@ Finishing == {e \in Leaving : e.name = "finishes"}
 Aborting  == {e \in Leaving : e.name = "aborts"}
 ActsOnOneLess(e) == ActsOn(e) - 1
 WaitsOnOneLess   == WaitsOn - 1
+
+\* ADV-9 without its phase: the window closes once more, whatever the phase.
+ClosesInAnyPhase(me, x, c) ==
+  IF c.session # x.session THEN Refuse(x, "PRE-5")
+  ELSE [OnAdvertiseEnd(me, x) EXCEPT !.rule = "ADV-9"]
+
+\* ADV-9 without stopping the advertise timer.
+RunsAfterClosing(s, i, r) ==
+  Armed(s, r.st)
+  \cup If(Bound(r.st), {Timer("advertise")} \cap (DOMAIN clock[s] \ Expired(i)))
 
 \* A prescriber releases nobody whom it has not chosen.
 KeepsTheOthers(me, x, to, why) ==

@@ -345,7 +345,7 @@ Guesses ==
   \cup {Command("prescribe", st.session, NextProposal(st.proposal), p) :
           p \in st.recorded \cup {st.target}}
   \cup {Command(name, st.session, st.proposal, Nobody) :
-          name \in {"accept", "refuse", "proceed", "complete", "abort"}}
+          name \in {"accept", "refuse", "close", "proceed", "complete", "abort"}}
 
 \* The number of the Advertisement that comes next, or 0.
 Opens(e) == IF e.kind = "send" /\ This.messages[e.m].type = "Advertisement"

@@ -13,6 +13,8 @@ from automcm_traces.export.behaviour_to_log import BehaviourStep, Effects, logs
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 TOLD = [p for kind in ("behaviours", "counterexamples") for p in (CORPUS / kind).rglob("*.ndjson")]
+STILL_RUNS = "runs_after_closing"
+"""A must-fail model whose station does not stop the timer of its window."""
 
 
 def events(path: Path) -> list[dict[str, Any]]:
@@ -36,7 +38,7 @@ def timers(path: Path) -> Iterator[tuple[dict[str, Any], int | None]]:
 
 def test_a_timer_expires_at_its_deadline_and_is_never_overtaken() -> None:
     expiries = 0
-    for path in TOLD:
+    for path in (path for path in TOLD if path.parent.name != STILL_RUNS):
         armed: dict[str, int] = {}
         for event, deadline in timers(path):
             key = json.dumps(event["timer"])

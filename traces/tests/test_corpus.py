@@ -142,8 +142,7 @@ def given(event: dict[str, Any], sent: dict[Any, tuple[int, bool]]) -> Input:
     if event["ev"] == "command":
         c = event["command"]
         session = tuple(c.get("session", (0, 0)))
-        proposal = 0 if c["name"] in ("proceed", "complete", "abort") else c.get("proposal", 0)
-        return Command("command", c["name"], session, proposal, c.get("target", 0))
+        return Command("command", c["name"], session, c.get("proposal", 0), c.get("target", 0))
     if event["ev"] == "restart":
         return Restart("restart")
     timer = event["timer"]

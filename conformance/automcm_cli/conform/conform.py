@@ -42,6 +42,12 @@ def run(
     ] = None,
     limit: Limit = LIMIT_S,
     seed: Annotated[int, typer.Option(help="Seed of the station's random numbers.", min=0)] = 1,
+    stop_after: Annotated[
+        int, typer.Option(help="End after this many failed cases (0 = never).", min=0)
+    ] = 0,
+    quick: Annotated[
+        bool, typer.Option(help="Run only the part that finds most faults (docs/conformance.md).")
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Run the test suite, or a part of it, against a station."""
@@ -67,8 +73,10 @@ def run(
                 limit_s=limit,
                 seed=seed,
                 notify=notify,
-                selectors=selectors or [],
+                selectors=[*(selectors or []), *(["--quick"] if quick else [])],
                 expected=known,
+                stop_after=stop_after,
+                quick=quick,
             )
             notify("pages")
             report_.write_pages(report, folder)
@@ -78,9 +86,6 @@ def run(
     if write_json(json_, report.as_dict()):
         console = console_of()
         terminal_report.summary(report, console, folder)
-        for case in report.unexpected[:3]:
-            for failure in case.failures[:1]:
-                terminal_report.failure(case, failure, console)
     raise typer.Exit(report.exit_code)
 
 
@@ -159,7 +164,7 @@ def replay(
     if write_json(json_, {"case": about["case"], "verdict": verdict, "what": what}):
         console = console_of()
         sent = sum(1 for step in steps if step.answer) + unanswered
-        for line in exchange(steps[:sent]):
+        for line in exchange(steps[:sent], complete=True):
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
             )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from automcm_cli.reference.station_commands import CloseEarly
 from automcm_cli.shared.common import Json, code_3, write_json
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def demo(
     secured: Annotated[
         bool, typer.Option("--secured", help="Sign all messages, with keys made for this run.")
     ] = False,
+    close_early: CloseEarly = False,
     logs: Annotated[Path, typer.Option(help="Folder for the logs.")] = Path("runs/demo"),
     seed: Annotated[int, typer.Option(help="Seed of the losses and delays.")] = 0,
     listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
@@ -60,6 +62,7 @@ def demo(
         kill=kill == "B",
         second_prescriber=second_prescriber,
         secured=secured,
+        close_early=close_early,
         seed=seed,
         listen_ms=listen,
     )

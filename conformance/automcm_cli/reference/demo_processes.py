@@ -102,6 +102,7 @@ class Demo:
     kill: bool = False
     second_prescriber: bool = False
     secured: bool = False
+    close_early: bool = False
     seed: int = 0
     listen_ms: int = 1100
     changed: Callable[[Demo], None] = lambda demo: None
@@ -116,6 +117,7 @@ class Demo:
         impatient = ["--set", "t_timeout=500"] if self.second_prescriber else []
         asks = "1500" if self.second_prescriber else "500"
         aside = ["--no-concerned", "--target", "3"]
+        aside += ["--close-early"] if self.close_early else []
         self.vehicles = [
             Vehicle("prescriber", 1, ["--request-after", asks, "--maneuver", "4000", *aside]),
             *(Vehicle(name, n, list(impatient)) for n, name in enumerate("ABC", 2)),
@@ -265,7 +267,8 @@ class Demo:
     def _described(self) -> Sequence[tuple[str, bool]]:
         prescriber, a, b, c = self.vehicles[:4]
         signed = all(v.certificate for v in self.vehicles)
-        acted = prescriber.went("ADVERTISING ADV-1", "CHOOSING PRE-1", "ACTUATING NEG-6")
+        closed = "CHOOSING ADV-9" if self.close_early else "CHOOSING PRE-1"
+        acted = prescriber.went("ADVERTISING ADV-1", closed, "ACTUATING NEG-6")
         agreed = [
             ("all vehicles sign their messages", signed or not self.secured),
             ("the prescriber advertises, chooses, and acts after B's Acceptance", acted),

@@ -62,6 +62,7 @@ ABOUT = {
     "comfort": "Cost of coordination and fallbacks for vehicles (figure 6).",
     "loss": "Success rate under loss (figure 9, equation 2).",
     "safety": "Frequency and duration of hazards, and their bound (T-2).",
+    "radio": "Success over a radio channel fitted to ns-3, and its fit.",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)

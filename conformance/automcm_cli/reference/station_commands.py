@@ -35,6 +35,14 @@ TokenFile = Annotated[
     ),
 ]
 For = Annotated[int | None, typer.Option("--for", help="Stop after this many ms.")]
+CloseEarly = Annotated[
+    bool,
+    typer.Option(
+        "--close-early",
+        help="The prescriber closes its advertising window when every known neighbour has answered "
+        "(ADV-9).",
+    ),
+]
 
 FINISH_S = 0.2
 """How long to wait at the end for a slow reader."""
@@ -164,6 +172,7 @@ def station(
     request_after: Annotated[
         int | None, typer.Option(help="Request a lane change after this many ms.")
     ] = None,
+    close_early: CloseEarly = False,
     target: Target = 0,
     concerned: Annotated[bool, typer.Option(help="Join the maneuvers of other stations.")] = True,
     refuse_first: Annotated[
@@ -206,6 +215,7 @@ def station(
     from automcm.links.link import LinkError
     from automcm.links.udp_link import UdpLink, address
     from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+    from automcm.service.application import all_answered
     from automcm.service.datagram_log import DatagramLog
     from automcm.service.station_process import NumberFile, StationProcess
 
@@ -251,6 +261,7 @@ def station(
             number=0 if first else int(time.time()),
             restarted=not first,
             for_ms=for_ms,
+            close_window=all_answered if close_early else None,
             zero=zero,
         )
         await process.run()

@@ -54,6 +54,10 @@ def html(
     to_ms: Annotated[
         int | None, typer.Option(help="Show the first log up to this time after its start.", min=0)
     ] = None,
+    traffic: Annotated[
+        Path | None,
+        typer.Option(help="Positions of all road users, as written by simulate traffic."),
+    ] = None,
     json_: Json = None,
 ) -> None:
     """Write an HTML page that explains the logs of a run.
@@ -82,6 +86,7 @@ def html(
     logs, other = (files_of("html", paths) for paths in (logs, compare or []))
     with code_3("html", BadInput, OSError, PageError):
         page = page_of(logs, late, other, pairs, part)
+        page.traffic = traffic
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         files.write(out, data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from time import monotonic
 from typing import TypeVar
 
 from automcm_conformance.adapter.connect import Connection, connect
@@ -10,6 +11,8 @@ from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import PROTOCOL, HelloAnswer, ProtocolError, read_hello
 
 T = TypeVar("T")
+ENOUGH_ANSWERS, SLOW_MS = 20, 20.0
+"""After so many answers, an average of so many milliseconds of real time for each is slow."""
 PATIENCE = 10
 """After this many crashes and hangs the run is cut short."""
 
@@ -28,6 +31,10 @@ class Adapter:
         """How many of those failures were hangs."""
         self.problems: list[str] = []
         self.limit_s = limit_s
+        self.answered = 0
+        """How many lines the adapter has answered."""
+        self.waited_s = 0.0
+        """How long the kit has waited for these answers."""
         self._process: Connection | None = None
         self._sent: Sequence[bytes] = ()
         self._failed: AdapterError | None = None
@@ -98,9 +105,21 @@ class Adapter:
         # The failure belongs to the time between two exchanges, so this one is repeated.
         return self._try(lambda: self._begin(lines)) or self._received()
 
+    @property
+    def slowness(self) -> str:
+        """A hint if the adapter answers so slowly that the run takes long; else empty."""
+        each_ms = 1000 * self.waited_s / max(1, self.answered)
+        if self.answered < ENOUGH_ANSWERS or each_ms < SLOW_MS:
+            return ""
+        return f"the adapter is slow: {each_ms:.0f} ms an answer (does it buffer its output?)"
+
     def _received(self) -> list[bytes] | AdapterError:
         assert self._process is not None
-        return self._try(self._process.answers)
+        started = monotonic()
+        found = self._try(self._process.answers)
+        self.waited_s += monotonic() - started
+        self.answered += len(found if isinstance(found, list) else found.answers)
+        return found
 
     def _try(self, action: Callable[[], T]) -> T | AdapterError:
         """The result of the action, or the error, which is counted."""

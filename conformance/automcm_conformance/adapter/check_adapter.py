@@ -238,6 +238,7 @@ class _Check:
         durations = {"hold_ms": 200, "lease_ms": 5000}
         if "prescriber" in self._features:
             yield {"name": "prescribe", **of, "target": PEER, "prescribed": PLANNED, **durations}
+            yield {"name": "close", "session": _NEVER}
             yield {"name": "proceed", "session": _NEVER}
             yield {"name": "complete", "session": _NEVER}
         if "receiver" in self._features:

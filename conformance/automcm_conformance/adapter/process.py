@@ -7,6 +7,7 @@ blocks at most until the next exchange.
 
 from __future__ import annotations
 
+import itertools
 import os
 import select
 import signal
@@ -15,7 +16,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from math import ceil
-from time import monotonic
+from time import monotonic, sleep
 from typing import IO, Literal, NoReturn
 
 from automcm_spec.support import children
@@ -38,6 +39,9 @@ _FINAL_CHUNKS = 32
 """At most this many chunks of standard error are read at the end: a descendant may still write."""
 _POLL_S = 0.2
 """How often a silent process is checked for its end: its descendants may hold the pipe open."""
+_ROUNDS, _ROUND_S = 50, 0.01
+"""How often descendants are looked for, and the pause: they may start others meanwhile."""
+_NUMBERS = itertools.count(1)
 _EXIT_S = 1.0
 """How long a process that closed its output may take to exit."""
 
@@ -81,10 +85,15 @@ class Process:
     ) -> None:
         self.limit_s = limit_s
         self.max_line = max_line
+        self._mark = f"{os.getpid()}-{next(_NUMBERS)}"
+        """Marks the process and its descendants."""
+        self.left: list[int] = []
+        """Descendants that could not be ended."""
         try:
             self._process = children.popen(
                 command,
                 group=True,
+                env=children.marked(self._mark),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -200,6 +209,8 @@ class Process:
         has_output |= self._discard(0.0)
         ended = self._exited()
         self.kill()
+        if self.left:
+            return f"processes of the adapter are still running: {', '.join(map(str, self.left))}"
         if not ended:
             return f"the adapter did not exit within {self.limit_s:g} s of stop and was killed"
         code = self._process.returncode
@@ -210,13 +221,23 @@ class Process:
         return UNREQUESTED if has_output else None
 
     def kill(self) -> None:
-        """End the whole process group at once.  May be called again."""
+        """End the process group and all descendants at once.  May be called again."""
         if not self._open:
             return
         self._open = False
         # The leader has not been reaped, so no other group can have got its number.
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        for n in range(_ROUNDS):
+            sleep(_ROUND_S if n else 0.0)
+            others = children.descendants(self._process.pid, self._mark)
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            if not others:
+                break
+            for other in others:  # of another session: it called setsid
+                with suppress(ProcessLookupError, PermissionError):
+                    os.kill(other, signal.SIGKILL)
+        else:
+            self.left = sorted(children.descendants(self._process.pid, self._mark))
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=_EXIT_S)
         for _ in range(_FINAL_CHUNKS):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from operator import eq
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic_core import from_json, to_json
 
@@ -17,15 +17,24 @@ from automcm_spec.vocabulary.messages import same
 Json = Any
 _FIELDS = Answer.model_fields.keys()
 _NEEDED = {name for name, field in Answer.model_fields.items() if field.is_required()}
+MARKS = "CAM.marks"
+"""The kind of a problem with the marks of a CAM."""
 _TRUTHS = ("Acceptance", "Advertisement")
 """Messages that may hold a truth value."""
-Problem = tuple[str, str]
-"""The wrong part of an answer (``messages``, ``indications``, ``deadline``, ``phase``, ``cams``),
-and a sentence about it."""
+
+
+class Problem(NamedTuple):
+    """One difference from the expected answer."""
+
+    part: str
+    """``messages``, ``indications``, ``deadline``, ``phase`` or ``cams``."""
+    text: str
+    kind: str = ""
+    """What differs, without values: equal for equal causes. ``Ack.of.seq`` is a field."""
 
 
 def differences(expected: Expected, line: bytes) -> list[Problem]:
-    """The differences from the expected answer, as (part, sentence); empty if there are none.
+    """The differences from the expected answer; empty if there are none.
 
     Raises ProtocolError for a line that is not an answer.
     """
@@ -38,10 +47,12 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
     if answer.indications or expected.indications:
         problems += _told(expected.indications, answer.indications)
     if answer.phase not in (None, expected.phase):
-        problems.append(("phase", f"phase: expected {expected.phase}, got {answer.phase}"))
+        text = f"phase: expected {expected.phase}, got {answer.phase}"
+        problems.append(Problem("phase", text, "phase"))
     if expected.deadline not in (UNKNOWN, answer.deadline):
-        text = f"deadline: expected {expected.deadline}, got {answer.deadline}"
-        problems.append(("deadline", text))
+        timer = f" ({expected.timer})" if expected.timer else ""
+        text = f"deadline: expected {expected.deadline}{timer}, got {answer.deadline}"
+        problems.append(Problem("deadline", text, f"deadline of {expected.timer or 'no timer'}"))
     for cam in answer.cams if expected.marks else ():
         problems += _marks(expected, cam)
     return problems
@@ -92,8 +103,18 @@ def _is_cam(cam: Json) -> bool:
 
 
 def _marked(expected: Expected, cam: dict[str, Json]) -> bool:
-    marks = cam.get("marks")
-    return not expected.marks or any(are_marks(wanted, marks) for wanted in expected.marks)
+    return not expected.marks or any(
+        are_marks(wanted, cam.get("marks")) for wanted in _marks_at(expected, cam["generation_ms"])
+    )
+
+
+def _marks_at(expected: Expected, due: int) -> list[Json]:
+    """The marks that a CAM may have that is due then: at the time of a change, either (ACT-5)."""
+    if len(expected.marks_since) != len(expected.marks):
+        return expected.marks  # of a replay file without times
+    until = [*expected.marks_since[1:], due]
+    periods = zip(expected.marks, expected.marks_since, until, strict=True)
+    return [marks for marks, since, end in periods if since <= due <= end] or expected.marks[:1]
 
 
 def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
@@ -108,11 +129,14 @@ def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
             left.remove(match)
             problems += _settle(message, match, expected)
     for message, other in zip(missing, left, strict=False):
-        problems.append(("messages", first_difference(message, other)))
+        problems.append(_first_difference(message, other))
     for message in missing[len(left) :]:
-        problems.append(("messages", f"not sent: {message['type']} {to_json(message).decode()}"))
+        text = f"not sent: {message['type']} {to_json(message).decode()}"
+        problems.append(Problem("messages", text, f"{message['type']} missing"))
     for message in left[len(missing) :]:
-        problems.append(("messages", unexpected_message(message)))
+        about = message.get("type") if type(message) is dict else "no message"
+        kind = f"{about} too many"
+        problems.append(Problem("messages", unexpected_message(message), kind))
     return problems
 
 
@@ -152,7 +176,8 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
         number = found["session"][1]
         if number <= expected.above:
             text = f"session: expected a number above {expected.above}, got {number}"
-            problems.append(("messages", f"{wanted['type']}.{text}"))
+            kind = f"{wanted['type']}.session"
+            problems.append(Problem("messages", f"{wanted['type']}.{text}", kind))
         else:
             wanted["session"] = found["session"]
     if wanted["seq"] is None:
@@ -161,47 +186,67 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
             wanted["seq"] = found["seq"]
         else:
             text = f"seq: expected one of {expected.fresh}, got {found['seq']}"
-            problems.append(("messages", f"{wanted['type']}.{text}"))
+            kind = f"{wanted['type']}.seq"
+            problems.append(Problem("messages", f"{wanted['type']}.{text}", kind))
     return problems
 
 
 def first_difference(wanted: dict[str, Json], found: Json) -> str:
     """The first difference between two messages, in one line."""
+    return _first_difference(wanted, found).text
+
+
+def _first_difference(wanted: dict[str, Json], found: Json) -> Problem:
     if type(found) is not dict:
-        return f"expected a message (an object), got {found!r}"
-    if wanted["type"] != found.get("type"):
-        return f"expected {wanted['type']}, got {to_json(found).decode()}"
+        text = f"expected a message (an object), got {found!r}"
+        return Problem("messages", text, "no message")
+    type_ = wanted["type"]
+    if type_ != found.get("type"):
+        text = f"expected {type_}, got {to_json(found).decode()}"
+        return Problem("messages", text, f"{type_} missing")
+    return _in_object(type_, wanted, found) or Problem("messages", "a message that differs")
+
+
+def _in_object(path: str, wanted: dict[str, Json], found: dict[str, Json]) -> Problem | None:
+    """The first difference between two objects; ``path`` leads to them."""
     for name in [*wanted, *found]:
+        here = f"{path}.{name}"
         if name not in found:
-            return f"{wanted['type']}.{name}: missing"
+            return Problem("messages", f"{here}: missing", here)
         if name not in wanted:
-            return f"{wanted['type']}.{name}: unknown field"
+            return Problem("messages", f"{here}: unknown field", here)
         free = wanted[name] is None or (name == "session" and wanted[name][1] is None)
-        if not free and not same(wanted[name], found[name]):
-            value, other = (to_json(m[name]).decode() for m in (wanted, found))
-            return f"{wanted['type']}.{name}: expected {value}, got {other}"
-    return "a message that differs"
+        if free or same(wanted[name], found[name]):
+            continue
+        if type(wanted[name]) is dict and type(found[name]) is dict:
+            inner = _in_object(here, wanted[name], found[name])
+            if inner is not None:
+                return inner
+        value, other = (to_json(m[name]).decode() for m in (wanted, found))
+        return Problem("messages", f"{here}: expected {value}, got {other}", here)
+    return None
 
 
 def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[Problem]:
     names = [i["name"] for i in wanted], [i["name"] for i in found]
     if names[0] != names[1]:
         text = f"indications: expected {names[0]}, got {names[1]}"
-        return [("indications", text)]
+        return [Problem("indications", text, text)]
     for one, other in zip(wanted, found, strict=True):
         for name, value in one.items():
             if name not in other or not same(value, other[name]):
                 got = to_json(other.get(name)).decode() if name in other else "nothing"
                 text = f"{one['name']}.{name}: expected {to_json(value).decode()}, got {got}"
-                return [("indications", text)]
+                return [Problem("indications", text, f"{one['name']}.{name}")]
     return []
 
 
 def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
-    marks = cam.get("marks")
-    if any(are_marks(wanted, marks) for wanted in expected.marks):
+    if _marked(expected, cam):
         return []
-    return [("cams", f"CAM.marks: expected {expected.marks[0]}, got {marks}")]
+    wanted, due = _marks_at(expected, cam["generation_ms"])[0], cam["generation_ms"]
+    text = f"CAM.marks: expected {wanted} at {due} ms, got {cam.get('marks')}"
+    return [Problem("cams", text, MARKS)]
 
 
 def are_marks(wanted: list[Json], found: Json) -> bool:

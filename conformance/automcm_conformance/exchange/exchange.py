@@ -19,6 +19,7 @@ from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
 from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Expected, Values, Wire, encode
 from automcm_spec.graph.oracle import Answer, Oracle
 from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
+from automcm_spec.vocabulary.renumbering import Rename
 from automcm_spec.vocabulary.station import Entry, Expire, Message, Receive, Restart, Timer
 from automcm_traces.checker.track import NO_INDICATION
 
@@ -59,11 +60,15 @@ class Step:
     place: int = 0
     """The index of the tour's input that the line belongs to."""
     pairs: list[tuple[int, int]] = field(default_factory=list)
+    times: list[int] = field(default_factory=list)
+    """The time in ms of each of ``pairs``: an expiry happens at its deadline."""
     before: int = 0
     after: int = 0
     next_timer: Timer | None = None
     """The timer whose deadline is expected in the answer."""
     answer: bytes = b""
+    fault: str = ""
+    """What is wrong with a malformed message, in words."""
     effects: list[Effects] = field(default_factory=list)
     """The effects of each of ``pairs``, if the exchange is logged."""
 
@@ -75,11 +80,18 @@ class Mismatch(Exception):
     """An answer that the specification does not allow: the answer to the last of ``steps``."""
 
     def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
-        super().__init__("; ".join(text for _, text in problems))
+        super().__init__("; ".join(problem.text for problem in problems))
         self.steps = steps
         self.problems = problems
         self.synchronized = True
         """The reset that ended the exchange got its own answer."""
+        self.session: Rename | None = None
+        """The real session of each session of the graph."""
+
+    @property
+    def parts(self) -> set[str]:
+        """The parts of the answer that are wrong."""
+        return {problem.part for problem in self.problems}
 
     @property
     def found_deadline(self) -> int | None:
@@ -88,12 +100,14 @@ class Mismatch(Exception):
 
 
 class Broken(Exception):
-    """The station did not answer the last of ``steps``, or its answer is invalid."""
+    """The station did not answer the last of ``steps``, or its answer is invalid. ``sent``: these
+    steps and those whose lines were written with them."""
 
-    def __init__(self, steps: list[Step], error: Exception) -> None:
+    def __init__(self, steps: list[Step], error: Exception, sent: Sequence[Step] = ()) -> None:
         super().__init__(str(error))
         self.steps = steps
         self.error = error
+        self.sent = list(sent) or steps
 
     @property
     def kind(self) -> str:
@@ -153,7 +167,7 @@ class Exchange:
         self.clock: Clock[Timer] = Clock()
         self._joined_at: dict[int, int] = {}
         self._unwritten: list[Step] = []
-        self._refusals: dict[tuple[str, tuple[str, ...], int, int | None], Expected] = {}
+        self._refusals: dict[object, Expected] = {}
         self._right: dict[int, bytes] = {}
         """The last correct answer, by the id of its ``Expected``, which ``done`` keeps alive."""
         self._lease_ms = LONG_MS
@@ -209,10 +223,11 @@ class Exchange:
         self.state, self.clock = 0, Clock()
         self._queue(self._reset)
 
-    def malformed(self, message: Json) -> None:
-        """Send a malformed message: the station discards it in every phase (END-5)."""
+    def malformed(self, message: Json, fault: str) -> None:
+        """Send a malformed message: the station discards it in every phase (END-5). ``fault``: in
+        words."""
         expected = Expected("END-5", indications=[{"name": "discarded"}])
-        self._queue({"cmd": "receive", "message": message}, expected)
+        self._queue({"cmd": "receive", "message": message}, expected, fault)
 
     def expire(self, i: int) -> None:
         """Advance to the deadline of this timer. Resends may fire on the way. Raises Infeasible if
@@ -286,13 +301,15 @@ class Exchange:
             except ProtocolError as unread:
                 raise Broken([*self.done, step], unread) from None
             except Mismatch as wrong:
+                wrong.session = self.wire.real
                 if len(answers) == len(steps) and steps[-1].command["cmd"] == "reset":
                     wrong.synchronized = False
                     with suppress(ProtocolError):
                         wrong.synchronized = not differences(steps[-1].expected, answers[-1])
                 raise
         if error is not None:
-            raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
+            missing = steps[len(answers) :]
+            raise Broken([*self.done, *missing[:1]], error, [*self.done, *missing]) from None
 
     # -- the clock
 
@@ -363,10 +380,12 @@ class Exchange:
             if expiry is None:
                 raise Infeasible  # what is to be given up before lasts too long (ADV-8)
             fired.append(expiry.input)
+            step.times.append(self.clock.deadline(due) or self.now)
             self._follow(step, expiry)
             due = self.clock.due(self.now)
         self.wire.given = given
         if then is not None:
+            step.times.append(self.now)
             self._follow(step, self.oracle.given(self.state, then))
         self._expect(step)
         opens = any(m["session"][1] is None for m in step.expected.messages)
@@ -378,13 +397,15 @@ class Exchange:
         """Queue a line that changes nothing and sends nothing while no timer is due. Such lines
         share one ``Expected``, so that an equal answer is not parsed again (``_judge``)."""
         rule, indication, first = answer.effect.rule, answer.effect.indication, self.clock.first
-        key = rule, indication, self.state, None if first is None else first.deadline
+        due = None if first is None else (first.deadline, first.timer[0])
+        key = rule, indication, self.state, due
         expected = self._refusals.get(key)
         if expected is None:
             indications = [] if indication == NO_INDICATION else [{"name": indication[0]}]
             expected = self._refusals[key] = Expected(rule, indications=indications)
         step = Step(self.now, command, expected, before=self.state)
         step.pairs.append((answer.state, answer.input))
+        step.times.append(self.now)
         if self.logged:
             step.effects.append(Effects(None, 0, len(expected.indications), [], []))
         self._expect(step)
@@ -420,10 +441,12 @@ class Exchange:
             effects.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
             step.effects.append(effects)
 
-    def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
+    def _queue(
+        self, command: dict[str, Json], expected: Expected | None = None, fault: str = ""
+    ) -> None:
         """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
-        step = Step(self.now, command | timed, expected or Expected())
+        step = Step(self.now, command | timed, expected or Expected(), fault=fault)
         step.before = self.state
         self._expect(step)
 
@@ -434,6 +457,7 @@ class Exchange:
         step.after, step.next_timer = self.state, None if first is None else first.timer
         step.expected.phase = self.oracle.states[self.state].phase
         step.expected.deadline = None if first is None else first.deadline
+        step.expected.timer = "" if first is None else first.timer[0]
         if not self.clock.sure:
             step.expected.deadline = UNKNOWN
         self._unwritten.append(step)
@@ -444,8 +468,10 @@ class Exchange:
             self.done.append(step)
             return
         if self.judges_marks and b'"cams"' in line:
-            states = [step.before, *(state for state, _ in step.pairs[1:]), step.after]
+            states = [step.before, *(state for state, _ in step.pairs[1:])]
+            states += [step.after] if step.pairs else []
             step.expected.marks = [self._marks(state) for state in states]
+            step.expected.marks_since = [0, *step.times]
         # Of the numbers judged: what is queued only predicts them.
         step.expected.above = self.wire.last_number
         problems = differences(step.expected, line)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -101,10 +102,14 @@ def write_log(
         LogWriter(file, **about, parameters=known, complete=COMPLETE) as log,
     ):
         for step in steps:
-            if not step.pairs and step.command["cmd"] != "advance":
+            shown = step.pairs or step.command["cmd"] == "advance"
+            if not shown and not (step.fault and step is steps[-1]):
                 continue
             command, answer = step.command, read_answer(step.answer)
             more = {} if answer.phase is None else {"phase": answer.phase}
+            if not shown:
+                raw = b64encode(json.dumps(command["message"]).encode()).decode()
+                log.event("receive", step.now, raw=raw, **more)
             messages, indications = iter(answer.messages), map(bare, answer.indications)
             cams, marks = answer.cams, step.expected.marks
             before = [c for c in cams if not marks or are_marks(marks[0], c.get("marks"))]

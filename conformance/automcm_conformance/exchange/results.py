@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Literal, get_args
 
@@ -12,6 +13,10 @@ from pydantic_core import PydanticCustomError
 Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
 """INCONC: the steps before the test failed. ERROR: the kit or the adapter broke."""
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+KEPT = "state kept over reset"
+NONDETERMINISTIC = "nondeterministic"
+UNCONFIRMED = (KEPT, NONDETERMINISTIC)
+"""The differences of failures that a fresh process does not show: other verdicts are doubtful."""
 BROKE = "the kit broke"
 """The beginning of a problem that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
@@ -55,6 +60,14 @@ class Failure:
     """File for ``automcm conform replay``, relative to the report."""
     command: str = ""
     """The command that replays this exchange."""
+    guard: str = ""
+    """The guard of the operator that decided, with its values."""
+    as_if: str = ""
+    """The guards that would have to be different for the answer to be right."""
+    timer: str = ""
+    """The timer whose deadline was expected."""
+    difference: str = ""
+    """What differs, without values."""
 
 
 @dataclass(slots=True)
@@ -91,6 +104,69 @@ class CaseResult:
 
 
 @dataclass(slots=True)
+class Cause:
+    """Failures with equal difference that one operator decided: probably one bug.
+
+    The difference in one field, such as ``Ack.of.seq``, is one cause whatever decided.
+    """
+
+    verdict: Verdict
+    case: str
+    """The case with the shortest exchange; ``shown`` is its failure."""
+    shown: Failure
+    failures: int
+    cases: list[str]
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON: the failure is named by its replay and described in its case."""
+        names = "rule", "operator", "line", "what", "guard", "timer", "difference", "replay"
+        about = {name: getattr(self.shown, name) for name in names}
+        counted = {"failures": self.failures, "cases": self.cases}
+        return {"verdict": self.verdict, "case": self.case, **about, **counted}
+
+
+def causes(cases: Iterable[CaseResult]) -> list[Cause]:
+    """The causes of the failures of these cases, the likeliest one first.
+
+    What makes other verdicts doubtful comes first, then FAIL, then ERROR; failures of one station
+    come before those of a scenario, and the shortest exchange comes first.
+    """
+    groups: dict[tuple[str, ...], list[tuple[CaseResult, Failure]]] = {}
+    for case in cases:
+        for failure in case.failures:
+            groups.setdefault(_cause(case, failure), []).append((case, failure))
+    found = []
+    for group in groups.values():
+        case, shown = min(group, key=lambda one: _order(*one))
+        names = list(dict.fromkeys(each.id for each, _ in group))
+        found.append(Cause(case.verdict, case.id, shown, len(group), names))
+    return sorted(found, key=lambda cause: (_rank(cause), _length(cause.shown), -cause.failures))
+
+
+def _cause(case: CaseResult, failure: Failure) -> tuple[str, ...]:
+    about = failure.difference or failure.what
+    field = "." in about and " " not in about
+    return (case.verdict, about) if field else (case.verdict, about, failure.operator, failure.rule)
+
+
+def _order(case: CaseResult, failure: Failure) -> tuple[bool, int, str, str]:
+    return _in_scenario(case.id), _length(failure), case.id, failure.replay
+
+
+def _rank(cause: Cause) -> tuple[int, bool]:
+    doubtful = cause.shown.difference in UNCONFIRMED
+    return 0 if doubtful else 1 if cause.verdict == "FAIL" else 2, _in_scenario(cause.case)
+
+
+def _in_scenario(case: str) -> bool:
+    return "/SYS/" in case
+
+
+def _length(failure: Failure) -> int:
+    return len(failure.exchange)
+
+
+@dataclass(slots=True)
 class Implementation:
     """The implementation's answer to ``hello``, and its command."""
 
@@ -105,7 +181,7 @@ class Implementation:
 
 @dataclass(slots=True)
 class Report:
-    """A run. Two equal runs differ only in ``seconds`` and ``started``."""
+    """A run. Two equal runs differ only in ``seconds``, ``case_seconds`` and ``started``."""
 
     implementation: Implementation
     cases: list[CaseResult]
@@ -120,6 +196,10 @@ class Report:
     """Problems that are not about one case: a process that ignored ``stop``, an interrupted run."""
     started: str = ""
     seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    """Remarks on the run that affect no verdict, such as that the adapter is slow."""
+    case_seconds: dict[str, float] = field(default_factory=dict)
+    """The time of each case; the cases of a graph share that of their tours."""
     broke: bool = False
     """The run was cut short by a fault of automcm."""
 
@@ -133,6 +213,11 @@ class Report:
     def unexpected(self) -> list[CaseResult]:
         """The cases whose verdict is not the expected one."""
         return [case for case in self.cases if not case.expected]
+
+    @property
+    def causes(self) -> list[Cause]:
+        """The causes of all failures, the likeliest one first."""
+        return causes(self.cases)
 
     @property
     def exit_code(self) -> int:
@@ -158,6 +243,7 @@ class Report:
             "implementation": out.pop("implementation"),
             "counts": self.counts,
             "exit_code": self.exit_code,
+            "causes": [cause.as_dict() for cause in self.causes],
             **out,
         }
 

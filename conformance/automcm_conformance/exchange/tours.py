@@ -142,6 +142,13 @@ class Tours:
         self.planned.clear()
         self._sent.clear()
 
+    def end(self) -> None:
+        """Free the memory that only planning needs."""
+        self.forget_plans()
+        for cache in (self._moves, self._disturbing):
+            cache.clear()
+        self._parents = None
+
     def usable(self, pairs: Iterable[Pair]) -> None:
         """Use these pairs again."""
         self.avoided.difference_update(pairs)

@@ -8,7 +8,7 @@ from automcm_conformance.adapter.protocol import Object, ProtocolError, read_ans
 from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Step
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.exchange.wire import Expected
+from automcm_conformance.exchange.wire import SOON_MS, Expected
 from automcm_traces.checker.finding import Finding
 
 
@@ -108,11 +108,22 @@ def answerable(found: Finding) -> list[str]:
     return [w for w in found.expected if not w.startswith(("arm ", "stop "))]
 
 
-def exchange(steps: list[Step]) -> list[Line]:
-    """Both sides, line by line, without lines that only set durations or reset the station."""
+def _is_preparation(command: Object, n: int) -> bool:
+    if command["cmd"] == "durations":
+        return all(ms >= SOON_MS for ms in command["durations"].values())
+    return bool(command["cmd"] == "reset") and n == 0
+
+
+def exchange(steps: list[Step], *, complete: bool = False) -> list[Line]:
+    """Both sides, line by line; unless ``complete``, without the first reset and lines that only
+    keep timers long."""
     lines = []
-    for step in steps:
-        lines.append(Line(step.now, "kit", said(step.command)))
+    for n, step in enumerate(steps):
+        hidden = not complete and _is_preparation(step.command, n)
+        if hidden and step is not steps[-1]:
+            continue
+        fault = f"; malformed: {step.fault}" if step.fault else ""
+        lines.append(Line(step.now, "kit", f"{said(step.command)}{fault}"))
         silent = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
         if step.answer and not silent:
             lines.append(Line(step.now, "station", answered(step.answer)))

@@ -58,6 +58,8 @@ def long(soonest: str = "") -> dict[str, int]:
 
 
 ODD_SEQ = 77
+POINTS = 1_000
+"""The points of a long trajectory; with these values its message fits a datagram."""
 BEFORE_MS = 150
 """The age of a CAM that would not be newer than the first."""
 STEP_MS = 100
@@ -113,8 +115,8 @@ class Expected:
     ``messages`` may come in any order. A value that the station chooses is None until it is known:
     ``seq``, if several new messages share the numbers in ``fresh``, and the number of a session
     that it opens, which must be ``above`` the last. ``deadline`` may be UNKNOWN. ``marks`` are
-    those of the states before, between and after: a CAM has those of one of them; empty if CAMs are
-    not judged.
+    those of the states before, between and after, each ``marks_since`` a time in ms: a CAM has
+    those of the time at which it is due. Empty if CAMs are not judged.
     """
 
     rule: str = ""
@@ -123,8 +125,11 @@ class Expected:
     deadline: int | None = None
     phase: str = ""
     marks: list[Json] = field(default_factory=list)
+    marks_since: list[int] = field(default_factory=list)
     fresh: list[int] = field(default_factory=list)
     above: int = 0
+    timer: str = ""
+    """The name of the timer with that deadline."""
 
 
 @dataclass(slots=True)
@@ -160,7 +165,7 @@ class Wire:
         """A trajectory that no other session, proposal or use has."""
         points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
         if self.rich:
-            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, 60)]
+            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, POINTS - 1)]
         return {"t0": 10 * session[1] + k, "points": points}
 
     def session(self, s: Session) -> list[int]:
@@ -169,6 +174,13 @@ class Wire:
             later = self.last_number + s[1] - len(self.own)
             return [self.values.ids[ME], self.own.get(s[1], later)]
         return [self.values.ids[s[0]], self.values.numbers[s[0]][s[1]]]
+
+    def real(self, s: Session) -> Session:
+        """The same as a value of the specification; nobody stays nobody."""
+        if s[0] == 0:
+            return s
+        station, number = self.session(s)
+        return station, number
 
     def opened(self, place: int, number: int) -> None:
         """Record the number under which the station opened its session ``place``."""

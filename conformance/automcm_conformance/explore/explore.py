@@ -18,6 +18,7 @@ from automcm_conformance.adapter.adapter import Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import Refused
 from automcm_conformance.exchange import records, transcript
+from automcm_conformance.exchange.deciding import Deciding, deciding
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
@@ -27,7 +28,7 @@ from automcm_conformance.exchange.exchange import (
     Unpredicted,
 )
 from automcm_conformance.exchange.play import Wrong
-from automcm_conformance.exchange.results import BROKE, CaseResult, Exploration
+from automcm_conformance.exchange.results import BROKE, NONDETERMINISTIC, CaseResult, Exploration
 from automcm_conformance.exchange.wire import LONG, LONG_MS, VALUES
 from automcm_conformance.explore.walk_shrinking import (
     HANG,
@@ -410,8 +411,10 @@ class Explorer:
         self.runner.adapter.renew()  # the last attempt may have left lines behind
         pair = pair_of(error)
         oracle = each.coverage.oracle
-        rule, value = rule_of(oracle, error), None if pair is None else oracle.inputs[pair[1]]
-        fault = Fault(finding(error, rule, again=again), value, error)
+        rule = rule_of(oracle, error)
+        unconfirmed = "" if again else NONDETERMINISTIC
+        decided = Deciding(rule) if pair is None else deciding(oracle, error, pair)
+        fault = Fault(finding(error, rule, unconfirmed=unconfirmed), error, decided, unconfirmed)
         case = each.id(self.seed)
         described = failure(self.runner, case, 1, fault, self._folder)
         rules = [rule] if rule else []
@@ -439,7 +442,7 @@ def _signature(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
             subject = timer[0]
         case Command(name=name):
             subject = name
-    parts = {part for part, _ in error.problems} if isinstance(error, Mismatch) else {error.kind}
+    parts = error.parts if isinstance(error, Mismatch) else {error.kind}
     return rule_of(oracle, error), value.kind if value else "nothing", subject, *sorted(parts)
 
 

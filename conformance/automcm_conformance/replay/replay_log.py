@@ -48,6 +48,7 @@ SHOWN = 40
 """This many of the last lines of the exchange are kept."""
 NEEDS = {
     "request": "prescriber",
+    "close": "prescriber",
     "prescribe": "prescriber",
     "proceed": "prescriber",
     "complete": "prescriber",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
@@ -17,6 +18,7 @@ from automcm_conformance.exchange.results import (
     FORMAT,
     VERDICTS,
     CaseResult,
+    Cause,
     Failure,
     Level,
     Report,
@@ -25,9 +27,12 @@ from automcm_conformance.exchange.results import (
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.support.templates import environment
+from automcm_traces.checker.finding import At, Finding, Why
+from automcm_traces.format.log import TimerEnd
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
+from automcm_traces.viewer.page_run import Run
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
@@ -50,8 +55,11 @@ MEANING: dict[Verdict, str] = {
     "ERROR": "The kit or the adapter failed: its process exited, or an answer was late or invalid.",
 }
 TOTALS = ("transitions", "refusals", "rules")
+NAMED = 5
+"""A cause names at most this many other cases."""
 MAX_PAGES = 20
 """A run has at most this many pages; further cases have logs only."""
+INPUTS = ("receive", "command", "restart")
 LIMIT = 4000
 """At most this many characters of a text are shown; report.json has all."""
 _REPORT = TypeAdapter(Report)
@@ -89,13 +97,30 @@ def write_pages(report: Report, folder: Path) -> None:
         except (BadInput, PageError):
             continue  # the log itself is kept
         if not several and page.runs[0].verdicts[0].verdict == "allowed":
-            page.title = f"{case.id}, until the failure"  # not every failure shows in a log
-            what = case.failures[0].what if case.failures else case.reason
-            page.note = f"The log is allowed to its end. After it, {case.verdict}: {what}"
+            _judge_by_kit(page.runs[0], case)
+            page.note = "The verdict is that of the kit: the log does not show what is wrong."
         page.runs[0].renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
         files.write(path, page_.html(page))
         case.page = path.relative_to(folder).as_posix()
+
+
+def _judge_by_kit(run: Run, case: CaseResult) -> None:
+    """Set the verdict of the kit at the last input of a log, where the page then opens."""
+    (log,), verdict = run.logs, run.verdicts[0]
+    inputs = [line for line, event in log.events if event.ev in INPUTS]
+    expiries = [line for line, event in log.events if isinstance(event, TimerEnd)]
+    line = max([*inputs, *expiries], default=verdict.finding.at.line)
+    shown = case.failures[0] if case.failures else None
+    found = Finding(
+        "unexpected",
+        shown.rule if shown else case.rules[0],
+        at=At(verdict.file, line),
+        expected=tuple(shown.allowed) if shown else (),
+        observed=f"{case.verdict}: {shown.what if shown else case.reason}",
+        why=Why(shown.guard if shown else ""),
+    )
+    run.verdicts[0] = replace(verdict, finding=found)
 
 
 def load(path: Path) -> Report:
@@ -136,6 +161,8 @@ def html(reports: list[Report]) -> str:
         kinds=_ordered({kind for r in reports for pairs in r.graphs.values() for kind in pairs}),
         matrices=[matrix(report) for report in reports],
         rows=groups(reports),
+        about=about,
+        seen_in=seen_in,
         conformance=conformance,
         levels=levels,
         share=share,
@@ -261,9 +288,14 @@ def _count(number: int, what: str) -> str:
 def _junit(report: Report) -> JUnitXml:
     """The report as JUnit XML, in which only unexpected verdicts are failures or errors.
 
-    Cases are run together, so only the whole run has a time in seconds.
+    A case that was not reached (INCONC) is skipped.  The cases of a graph are run together; the
+    time of each, in seconds, is its share.
     """
-    who = report.implementation
+    who, found = report.implementation, report.causes
+    named: dict[str, str] = {}
+    for n, cause in enumerate(found, 1):
+        for id_ in cause.cases:
+            named.setdefault(id_, f"cause {n} of {len(found)}, {cause.shown.rule}")
     suites: dict[str, TestSuite] = {}
     for case in report.cases:
         name = visible(case.id.rpartition("/")[0] or case.id)
@@ -273,8 +305,9 @@ def _junit(report: Report) -> JUnitXml:
                 suites[name].timestamp = report.started
             suites[name].add_property("implementation", visible(f"{who.name} {who.version}"))
             suites[name].add_property("specification", visible(report.spec_hash))
-        test = TestCase(visible(case.id), name.replace("/", "."))
-        if result := _junit_result(case):
+        time = report.case_seconds.get(case.id)
+        test = TestCase(visible(case.id), name.replace("/", "."), time)
+        if result := _junit_result(case, named.get(case.id, "")):
             test.result = result
         suites[name].add_testcase(test)
     xml = JUnitXml("AutoMCM conformance")
@@ -285,11 +318,14 @@ def _junit(report: Report) -> JUnitXml:
     return xml
 
 
-def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
-    """The result of a case; None if it passed."""
+def _junit_result(case: CaseResult, cause: str) -> Skipped | Failed | Error | None:
+    """The result of a case; None if it passed. ``cause`` is the cause that it shows."""
     if case.expected:
         return None if case.verdict == "PASS" else Skipped(why(case), case.verdict)
-    result = (Error if case.verdict in ("INCONC", "ERROR") else Failed)(why(case), case.verdict)
+    if case.verdict == "INCONC":
+        return Skipped(why(case), case.verdict)
+    text = f"{cause}: {why(case)}" if cause else why(case)
+    result = (Error if case.verdict == "ERROR" else Failed)(text, case.verdict)
     result.text = as_text(case)
     return result
 
@@ -314,9 +350,30 @@ def as_text(case: CaseResult) -> str:
     return "\n\n".join([about, *(_failure_text(failure) for failure in case.failures)])
 
 
+def about(failure: Failure) -> list[str]:
+    """What is wrong, in lines: the rule, the difference, the place and guard that decided."""
+    lines = [f"{failure.rule}: {failure.rule_text}", failure.what]
+    if failure.operator:
+        guard = f": {failure.guard}" if failure.guard else ""
+        lines.append(f"Station.tla, line {failure.line}: {failure.operator}{guard}")
+    elif failure.guard:
+        lines.append(failure.guard)
+    lines += [f"The station answers as if {failure.as_if}"] if failure.as_if else []
+    return lines + ([f"Expected timer: {failure.timer}"] if failure.timer else [])
+
+
+def seen_in(cause: Cause) -> str:
+    """How often a cause was seen, and in which cases."""
+    others = [name for name in cause.cases if name != cause.case]
+    if not others:
+        return f"Seen {_count(cause.failures, 'time')}, in this case only"
+    more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+    shown = ", ".join(others[:NAMED])
+    return f"Seen {_count(cause.failures, 'time')}, also in {shown}{more}"
+
+
 def _failure_text(failure: Failure) -> str:
-    place = f" (Station.tla line {failure.line}, {failure.operator})" if failure.operator else ""
-    lines = [f"{failure.rule}{place}: {failure.rule_text}", failure.what]
+    lines = about(failure)
     lines += ["Expected one of", *(f"  {text}" for text in failure.allowed)]
     lines += ["Received", *(f"  {text}" for text in failure.came), "Exchange"]
     lines += [f"  {line.now:>8} ms  {line.who:<7}  {line.text}" for line in failure.exchange]

@@ -12,12 +12,21 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from automcm_conformance.exchange.results import VERDICTS, CaseResult, Failure, Report, Verdict
+from automcm_conformance.exchange.results import (
+    VERDICTS,
+    CaseResult,
+    Failure,
+    Report,
+    Verdict,
+    causes,
+)
 from automcm_conformance.report.report import (
     GROUPS,
+    about,
     conformance,
     groups,
     matrix,
+    seen_in,
     share,
     totals,
     visible,
@@ -28,6 +37,8 @@ CASES = 10
 """The summary names at most this many cases, so that it fits on one screen."""
 ORDER: tuple[Verdict, ...] = ("FAIL", "PASS", "ERROR", "INCONC", "SKIP")
 """The order in which it names unexpected cases."""
+IN_FULL = 3
+"""This many causes are printed with their exchange."""
 WIDTH = 100
 """The width of output that is not a terminal."""
 LIMIT = 400
@@ -46,39 +57,62 @@ def summary(report: Report, console: Console, folder: Path | None = None) -> Non
     holds, sentence = conformance(report)
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[holds]
     console.print(Text(sentence, style))
+    for problem in report.problems:
+        console.print(Text("Problem: ", "red") + _text(problem))
+    for note in report.notes:
+        console.print(_text(f"Note: {note}"))
     console.print()
+    _causes(report, console)
     console.print(_counts(report))
     console.print()
     table = _grid()
     for name, pair in totals(report):
         table.add_row(_text(name), Text(share(pair)))
     console.print(table)
-    for problem in report.problems:
-        console.print(Text("Problem: ", "red") + _text(problem))
     _unexpected(report, console)
     if folder is not None:
         console.print(Text(f"Report: {visible(str(folder / 'report.html'))}"), soft_wrap=True)
 
 
+def _causes(report: Report, console: Console) -> None:
+    """Print the causes of the unexpected failures: some in full, the others in one line."""
+    found = causes(report.unexpected)
+    cases = {case.id: case for case in report.unexpected}
+    for n, cause in enumerate(found[:IN_FULL], 1):
+        console.print(Text(f"Cause {n} of {len(found)}", "bold"))
+        failure(cases[cause.case], cause.shown, console)
+        console.print(_text(seen_in(cause)))
+        console.print()
+    for n, cause in enumerate(found[IN_FULL:CASES], IN_FULL + 1):
+        head = f"{n} of {len(found)}: {cause.verdict} {cause.shown.rule}: "
+        console.print(_text(f"{head}{cause.shown.what}", limit=SHORT))
+    if len(found) > CASES:
+        console.print(Text(f"and {len(found) - CASES} more causes"))
+    unclear = sum(case.verdict == "INCONC" for case in report.unexpected)
+    if unclear:
+        which = "because of the wrong answers" if found else "because the run ended"
+        console.print(Text(f"{unclear} cases were not reached ({which})"))
+    if found or unclear:
+        console.print()
+
+
 def failure(case: CaseResult, failure: Failure, console: Console) -> None:
-    """Print one failure: the rule, the exchange, and the expected and the received answer.
+    """Print one failure: the rule, the guard, the exchange, and the answers.
 
     A console that is not a terminal is set to a width of 100.
     """
     _prepare(console)
     console.print(Text(case.verdict, STYLES[case.verdict]) + _text(f" {case.id}", "bold"))
-    console.print(_text(failure.what))
-    console.print(_text(f"{failure.rule}: {failure.rule_text}"))
-    if failure.operator:
-        console.print(_text(f"Station.tla, line {failure.line}: {failure.operator}", "dim"))
+    for text in about(failure):
+        console.print(_text(text))
     console.print()
     table = Table(box=None, pad_edge=False)
     table.add_column("ms", justify="right", no_wrap=True)
     table.add_column("kit", ratio=1)
     table.add_column("station", ratio=1)
     for line in failure.exchange:
-        text = _text(line.text)
-        cells = (text, Text()) if line.who == "kit" else (Text(), text)
+        said = _text(line.text)
+        cells = (said, Text()) if line.who == "kit" else (Text(), said)
         table.add_row(Text(str(line.now), "dim"), *cells)
     console.print(table)
     console.print()

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from time import monotonic
 
-from automcm_conformance.adapter.adapter import PATIENCE, Adapter
+from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import DEFAULTS, ProtocolError, Refused
+from automcm_conformance.exchange.answers import MARKS
+from automcm_conformance.exchange.confirmation import in_fresh_process
+from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_pair
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
@@ -16,11 +20,13 @@ from automcm_conformance.exchange.exchange import (
     Unpredicted,
 )
 from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shortened
+from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
+    WHOLE,
     Fault,
     Part,
     PartRun,
@@ -29,7 +35,7 @@ from automcm_conformance.suite.tally import (
     finding,
 )
 from automcm_spec.graph.oracle import Answer, Oracle
-from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Restart
+from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
 from automcm_traces.checker.finding import Finding
 
 Notify = Callable[[str], None]
@@ -45,6 +51,12 @@ BULK = 1_000
 """The approximate number of lines that are written before their answers are read."""
 STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
+CRASHES = ("crash", "closed")
+FIRST, SHARES = 30, {False: 35, True: 5}
+"""``--quick`` drives the first pairs of a case, and one in so many of the others, by whether they
+change something."""
+NEAR = 4
+"""An exchange with more inputs is compared with the shortest way to its last one."""
 ATTEMPTS = 3
 """Tours that may fail to reach a pair because time does not allow it."""
 
@@ -69,7 +81,7 @@ class Runner:
     ) -> None:
         self.adapter = adapter
         self.seed = seed
-        self.notify = notify
+        self._notify = notify
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
@@ -87,10 +99,21 @@ class Runner:
         """The number of failed cases that ends the run; 0: none."""
         self.runs, self.starts = RUNS, STARTS
         """Exchanges tried in order to shorten one, and one that ends in a crash."""
+        self.quick = False
+        """Only some pairs of each case are driven; cases of two peers and scenarios are omitted."""
+        self.case_seconds: dict[str, float] = {}
+        """The real time of each case."""
+        self.confirms = True
+        """Wrong answers are confirmed in a fresh process."""
         self.predict = True
         """The station is assumed to number its sessions one by one."""
         self.features = frozenset[str](adapter.hello.features)
         self.fixed: dict[str, int] = {str(k): v for k, v in adapter.hello.fixed.items()}
+
+    def notify(self, text: str) -> None:
+        """Show the progress, and a hint if the adapter is slow."""
+        hint = self.adapter.slowness
+        self._notify(f"{text}; {hint}" if hint else text)
 
     @property
     def timed(self) -> bool:
@@ -153,8 +176,16 @@ class Runner:
     # -- which pairs
 
     def graph(self, part: Part, answers: Iterable[Answer], owners: Owners) -> None:
-        """Test these pairs of a graph."""
-        self.tour(self.plan(part, answers, owners))
+        """Test these pairs of a graph. Their time is shared by the cases they belong to."""
+        before = {name: tally.reached for name, tally in self.tallies.items()}
+        started = monotonic()
+        run = self.plan(part, answers, owners)
+        self.tour(run)
+        run.tours.end()
+        driven = {n: tally.reached - before[n] for n, tally in self.tallies.items()}
+        each = (monotonic() - started) / max(1, sum(driven.values()))
+        for name, pairs in driven.items():
+            self.case_seconds[name] = self.case_seconds.get(name, 0.0) + pairs * each
 
     def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> PartRun:
         """The pairs that are to be driven; the others are counted as skipped."""
@@ -170,6 +201,8 @@ class Runner:
             part.totals["transitions" if answer.changes else "refusals"] += 1
             tally.total += 1
             why = unfit or missing_feature[answer.input] or self._limited(oracle, answer)
+            if self.quick and not why and not _is_sampled(tally, answer):
+                why = WHOLE
             if why:
                 tally.skipped[why] += 1
             else:
@@ -204,6 +237,8 @@ class Runner:
             if tour is not None:
                 self._start(run, tour)
                 self.adapter.pump()
+                if self.adapter.slowness:
+                    self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
             if tour is None or run.lines >= BULK:
                 self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
                 self._judge_sent(run)
@@ -306,11 +341,32 @@ class Runner:
             if len(mine) < asked and broken is None:
                 break  # the process was renewed meanwhile; it is played again
             try:
-                active.x.answered(mine, broken if len(mine) < asked else None)
+                if len(mine) < asked and broken is not None and broken.kind in CRASHES:
+                    active = self._singly(run, active)
+                else:
+                    active.x.answered(mine, broken if len(mine) < asked else None)
             except (Mismatch, Broken, Unpredicted) as wrong:
                 self._finish(run, active, wrong)
                 break  # what follows was not played, or may be out of step; it is played again
             self._finish(run, active)
+        else:
+            if broken is not None:
+                text = f"{broken}; the same lines, sent one by one, do not end it"
+                self.adapter.problems.append(text)
+
+    def _singly(self, run: PartRun, active: TourInProgress) -> TourInProgress:
+        """Play a tour again line by line in a fresh process: an adapter that reads many lines
+        before it answers does not show which one it crashed at. Raises Mismatch and Broken."""
+        counts = self.adapter.broken, self.adapter.hung
+        self.adapter.renew()
+        values, link = active.values, LineByLine(self.adapter)
+        active.x = self.exchange(run.part.oracle, values=values, logged=False, link=link)
+        try:
+            active.off = play(active.x, active.tour, self.timed, active.lease, active.soonest)
+            active.x.flush()
+        finally:
+            self.adapter.broken, self.adapter.hung = counts
+        return active
 
     def _finish(
         self, run: PartRun, active: TourInProgress, error: Wrong | Unpredicted | None = None
@@ -368,43 +424,59 @@ class Runner:
                 tours.drop(tally.purpose.id)
                 return
 
-        def attempt(again: list[int]) -> Wrong | None:
-            x = self.exchange(part.oracle, values=active.values)
+        kind = error.kind if isinstance(error, Broken) else ""
+        hangs = kind == "hang"
+
+        def attempt(again: list[int], soonest: str = active.soonest) -> Wrong | None:
+            link = LineByLine(self.adapter) if kind else None  # shows the line of a crash
+            x = self.exchange(part.oracle, values=active.values, link=link)
             try:
-                play(x, again, self.timed, active.lease, active.soonest)
+                play(x, again, self.timed, active.lease, soonest)
                 x.flush()
             except (Mismatch, Broken) as wrong:
                 self.resynchronize(wrong)
                 return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
 
-        kind = error.kind if isinstance(error, Broken) else ""
-        hangs = kind == "hang"
         ways = [tours.path(state) for state in states]
         short = shortened(
             part.oracle, inputs, ways, attempt, 1 if hangs else self.starts if kind else self.runs
         )
         least = short is not None
+        if self.timed and not kind and (short is None or len(short[0]) > NEAR):
+            short = _nearer(short, ways[-1], tour[place], error, attempt)
         if short is None and not hangs:  # less than the whole tour has another time-table
             whole = attempt(tour)
             if whole is not None and whole.steps[-1].place == place:
                 short = inputs, whole
         self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
+            unconfirmed = ""
+            if not hangs:
+                error, unconfirmed = self.confirmed(tally, error, repeated=False)
             case = tours.avoid(seen)
-            self._blame(run, seen, error, again=hangs)
+            self._blame(run, seen, error, unconfirmed=unconfirmed)
             if case is not None:
                 self._reached(part, case, seen)
             return
         inputs, error = short
         culprit, why = self._culprit(part, inputs, error, least)
+        blamed = self._tally(part, run.owners, part.oracle.given(*culprit))
+        error, unconfirmed = self.confirmed(blamed, error, repeated=True)
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
             tours.avoid(seen)
             return
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(run, culprit, error, why)
+        self._blame(run, culprit, error, why, unconfirmed=unconfirmed)
+
+    def confirmed(self, tally: Tally | None, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
+        """``in_fresh_process``, for the first failure of a case."""
+        known = tally is None or any(not fault.unconfirmed for fault in tally.faults)
+        if known or not self.confirms:
+            return error, "" if repeated else NONDETERMINISTIC
+        return in_fresh_process(self.adapter, error, repeated=repeated)
 
     def resynchronize(self, error: Wrong) -> None:
         """Use a fresh process for the next exchange if the station sent a line too many."""
@@ -425,31 +497,26 @@ class Runner:
         for state, i in zip(reversed(states[:-1]), reversed(inputs[:-1]), strict=True):
             if least and not oracle.is_move(state, i):
                 return (state, i), "; an input before it, which must change nothing, changed that"
-        ended = oracle.answer(*last)
-        changes = ended is not None and ended.changes  # else it has armed a timer anew itself
-        if (
-            changes
-            and isinstance(error, Mismatch)
-            and {part for part, _ in error.problems} == {"deadline"}
-        ):
+        pair = deciding_pair(oracle, error)
+        if pair is not None and pair not in step.pairs and step.next_timer is not None:
+            name = step.next_timer[0]
+            assert isinstance(error, Mismatch) and step.expected.deadline is not None
             found = error.found_deadline
-            wanted = step.expected.deadline
-            name = step.next_timer[0] if step.next_timer else ""
-            timer = step.next_timer and oracle.input_index.get(Expire("expire", step.next_timer))
-            late = wanted is not None and (found is None or found > wanted)
-            if late and timer is not None and oracle.answer(step.after, timer) is not None:
-                return (step.after, timer), f"; the timer {name} is not armed, or lasts too long"
+            early = found is not None and found < step.expected.deadline
+            wrong = "or another timer runs" if early else "or is not armed"
+            lasts = "too short" if early else "too long"
+            return pair, f"; the timer {name} lasts {lasts}, {wrong}"
         return last, ""
 
     def _blame(
-        self, run: PartRun, pair: Pair, error: Wrong, why: str = "", *, again: bool = True
+        self, run: PartRun, pair: Pair, error: Wrong, why: str = "", *, unconfirmed: str = ""
     ) -> None:
         part = run.part
         tally = self._tally(part, run.owners, part.oracle.given(*pair))
-        if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
+        if isinstance(error, Mismatch) and error.parts == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self.fault(part, [pair], error, purpose, why, again=again)
+        fault = self.fault(part, pair, error, purpose, why, unconfirmed=unconfirmed)
         if tally is None:
             self.elsewhere = self.elsewhere or fault.finding
             return
@@ -461,23 +528,50 @@ class Runner:
     def fault(
         self,
         part: Part,
-        pairs: list[Pair],
+        pair: Pair | None,
         error: Wrong,
         purpose: Purpose | None,
         why: str = "",
         *,
-        again: bool = True,
+        unconfirmed: str = "",
     ) -> Fault:
-        """A fault. Its rule is the one that decides the last pair; for a named case, the case's
-        own, unless a message or an indication is wrong."""
-        rule = purpose.rules[0] if purpose else ""
-        named = bool(purpose and purpose.case)
-        if isinstance(error, Mismatch):
-            named = named and not {"messages", "indications"} & {part for part, _ in error.problems}
-        value: Input | None = None
-        if pairs:
-            value = part.oracle.inputs[pairs[-1][1]]
-            answer = part.oracle.answer(*pairs[-1])
-            if answer is not None and not named:
-                rule = answer.effect.rule
-        return Fault(finding(error, rule, why, again=again), value, error)
+        """A fault, labelled with what decides ``pair``; without one, with the case's first
+        rule."""
+        decided = Deciding(purpose.rules[0] if purpose else "")
+        if pair is not None and part.oracle.answer(*pair) is not None:
+            decided = deciding(part.oracle, error, pair)
+        if isinstance(error, Mismatch) and error.problems[0].kind == MARKS:
+            decided = Deciding("ACT-5")
+        elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
+            decided = Deciding(purpose.rules[0])
+        found = finding(error, decided.rule, why, unconfirmed=unconfirmed)
+        return Fault(found, error, decided, unconfirmed)
+
+
+def _is_sampled(tally: Tally, answer: Answer) -> bool:
+    """Whether ``--quick`` drives a pair: the first of a case, and some of the others."""
+    share = SHARES[answer.changes]
+    return tally.total <= FIRST or (answer.state + answer.input) % share == 0
+
+
+def _nearer(
+    short: tuple[list[int], Wrong] | None,
+    way: list[int] | None,
+    last: int,
+    error: Wrong,
+    attempt: Callable[[list[int], str], Wrong | None],
+) -> tuple[list[int], Wrong] | None:
+    """A wrong answer on the shortest way to the failing input, with each timer in turn as the next
+    to expire; ``short`` if that is not longer. A deadline that is wrong shows only if it is the
+    next one."""
+    if way is None or (short is not None and len(way) + 1 >= len(short[0])):
+        return short
+    timer = error.steps[-1].next_timer
+    for name in sorted(LONG, key=lambda name: timer is None or name != timer[0]):
+        wrong = attempt([*way, last], name)
+        if wrong is None:
+            continue
+        inputs = [*way, last][: wrong.steps[-1].place + 1]
+        if short is None or len(inputs) < len(short[0]):
+            short = inputs, wrong
+    return short

@@ -3,18 +3,25 @@ and because equal lines must get equal answers."""
 
 from __future__ import annotations
 
+import gc
 from functools import partial
 from pathlib import Path
 
 from automcm_conformance.exchange import records
+from automcm_conformance.exchange.answers import Problem
+from automcm_conformance.exchange.deciding import deciding_pair
 from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
 from automcm_conformance.exchange.play import play
+from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import off_graph_cases as special_
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Part, Tally
+
+COLLECT = 50
+"""Garbage is collected after so many exchanges."""
 
 
 def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
@@ -32,12 +39,16 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     try:
         for x in special_.exchanges(purpose.case, fresh):
             count += x is not None
+            if count % COLLECT == 0:
+                gc.collect()  # finished exchanges hold themselves
             infeasible += x is None
             steps = steps or (x.done if x is not None else [])
     except (Mismatch, Broken) as error:
-        steps = error.steps
         runner.adapter.renew()
-        tally.faults.append(runner.fault(part, steps[-1].pairs, error, purpose))
+        wrong, unconfirmed = runner.confirmed(tally, error, repeated=True)
+        steps = wrong.steps
+        pair = deciding_pair(part.oracle, wrong)
+        tally.faults.append(runner.fault(part, pair, wrong, purpose, unconfirmed=unconfirmed))
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden
@@ -90,15 +101,17 @@ def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) 
             wrong.append(error)
         runs.append(wrong[-1].steps if wrong else x.done)
     if wrong:
-        again = len(wrong) == 2
-        tally.faults.append(runner.fault(part, [pair], wrong[0], tally.purpose, again=again))
+        found, unconfirmed = runner.confirmed(tally, wrong[0], repeated=len(wrong) == 2)
+        fault = runner.fault(part, pair, found, tally.purpose, unconfirmed=unconfirmed)
+        tally.faults.append(fault)
         return
     tally.log = _log(runner, folder, tally.purpose.id, runs[0])
     for one, other in zip(*runs, strict=True):
         if one.answer != other.answer:
             what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
-            differs = Mismatch(runs[1], [("answer", what)])
-            tally.faults.append(runner.fault(part, [pair], differs, tally.purpose, again=False))
+            differs = Mismatch(runs[1], [Problem("answer", what)])
+            why = NONDETERMINISTIC
+            tally.faults.append(runner.fault(part, pair, differs, tally.purpose, unconfirmed=why))
             return
 
 

@@ -13,10 +13,11 @@ from functools import cache
 from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
-from automcm_conformance.exchange.exchange import Broken, Mismatch
+from automcm_conformance.exchange.answers import Problem
+from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
-from automcm_conformance.suite import scripts, session_cases
-from automcm_conformance.suite.malformed_messages import edge_cases, invalid
+from automcm_conformance.suite import quantity_cases, scripts, session_cases
 from automcm_conformance.suite.scripted import Fresh, Played, inputs, number, play, played
 from automcm_conformance.suite.scripts import (
     REQUEST,
@@ -30,6 +31,7 @@ from automcm_conformance.suite.scripts import (
     With,
     expire,
 )
+from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import TWO_PEERS
 from automcm_spec.vocabulary.messages import RELIABLE
@@ -102,18 +104,31 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     script, good, _ = scripts.RECEIVED[type_]
     x = fresh(USUAL)
     play(x, script)
-    names: dict[bytes, str] = {}
     for what, message in invalid(x.wire.command(good, x.now)["message"]):
-        x.malformed(message)
-        names[x.unwritten_lines[-1]] = f"{type_} with {what}"
+        x.malformed(message, f"{type_} with {what}")
     try:
         x.flush()
     except (Mismatch, Broken) as error:
-        error.args = (f"{names.get(error.steps[-1].line, type_)}: {error}",)
-        raise
+        wrong = _alone(fresh, script, error.steps[-1]) or error
+        wrong.args = (f"{wrong.steps[-1].fault or type_}: {wrong}",)
+        raise wrong from None
     x.give(number(x, good))
     x.flush()
     yield x
+
+
+def _alone(fresh: Fresh, script: Script, step: Step) -> Mismatch | Broken | None:
+    """The failure if this malformed message is the only one; None if there is none."""
+    if not step.fault:
+        return None
+    x = fresh(USUAL)
+    try:
+        play(x, script)
+        x.malformed(step.command["message"], step.fault)
+        x.flush()
+    except (Mismatch, Broken) as error:
+        return error
+    return None
 
 
 def bounds(fresh: Fresh, type_: str) -> Played:
@@ -167,7 +182,7 @@ def cam_rate(fresh: Fresh) -> Played:
             period = x.parameters["t_cam"]
             if len(times) < 10 or any(abs(gap - period) > period / 2 for gap in gaps):
                 text = f"expected a CAM every {period} ms, got CAMs at {times} ms"
-                raise Mismatch(x.done, [("cams", text)])
+                raise Mismatch(x.done, [Problem("cams", text, "interval of CAMs")])
             yield x
 
 
@@ -192,7 +207,7 @@ def back_off(fresh: Fresh) -> Played:
         elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
             text = f"a back-off of {lasts} ms for every seed"
         if text:
-            raise Mismatch(x.done, [("deadline", text)])
+            raise Mismatch(x.done, [Problem("deadline", text, "back-off")])
         x.clock.learn(("backoff",), x.now + lasts)
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])
@@ -221,6 +236,7 @@ _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable
     "bounds": (bounds, _received),
     "content": (content, scripts.CONTENT.__getitem__),
     "sessions": (session_cases.pairs, session_cases.scripts),
+    "quantity": (quantity_cases.exchanges, quantity_cases.scripts),
 }
 """The function and the scripts of a case, by its first word."""
 _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
@@ -233,12 +249,15 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 
 
 def graph(case: str, one: Oracle) -> Oracle:
-    """The graph that judges a case: ``one``, or that of two peers."""
-    return _two_peers(one.spec_hash) if case.startswith(TWO) else one
+    """The graph that judges a case: ``one``, that of two peers, or one that grows."""
+    if case.startswith("quantity "):
+        return GrowingGraph(one.spec_hash)
+    return two_peers(one.spec_hash) if case.startswith(TWO) else one
 
 
 @cache
-def _two_peers(spec_hash: str) -> Oracle:
+def two_peers(spec_hash: str) -> Oracle:
+    """The graph of two peers, read once in a process."""
     return load(TWO_PEERS.path, spec_hash)
 
 

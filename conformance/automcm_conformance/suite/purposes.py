@@ -91,6 +91,7 @@ WHY = {
         "not the target",
         "not sent yet",  # the proposal that is accepted or refused
         "out of turn",  # a newer proposal
+        "last round",  # a proposal above max_rounds that would not be out of turn
     ),
     "END-6": ("seq 0", "sender", "session", "seq", "type", "nothing waits"),
     "ACT-5": ("phase", "sender", "no mark", "other mark", "older"),
@@ -309,7 +310,8 @@ def _fault(state: State, i: Input, changes: bool) -> str:
     if m.type == "Cancel" and m.reason == "closed":
         return "closed"
     if m.type == "Prescription":
-        return "out of turn"
+        taken = state.session == m.session and state.phase in ("NEGOTIATING", "ACTUATING")
+        return "out of turn" if taken else "last round"
     return "not the target" if m.src != state.target else "not sent yet"
 
 
@@ -421,7 +423,8 @@ class Owners:
 def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpose]:
     """The purposes that one of the selectors names; all without a selector.
 
-    A selector is an id or its beginning (``AMCM/RCV``), a rule (``NEG-4``) or a level (``MUST``).
+    A selector is an id or its beginning (``AMCM/RCV``), a rule (``NEG-4``), a level (``MUST``), or
+    the first word of the name of cases that no graph carries (``quantity``).
     Raises ValueError for a selector that names nothing, with similar ones.
     """
     everything, wanted = list(purposes), [each.strip().rstrip("/").upper() for each in selectors]
@@ -433,11 +436,12 @@ def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpos
             known |= {p.id[:end] for p in everything for end in (4, 8, 12, 15)}
             near = difflib.get_close_matches(each, sorted(known), 3)
             hint = f"; near ones: {', '.join(near)}" if near else ""
-            raise ValueError(f"{each}: no case has this id, rule or level{hint}")
+            raise ValueError(f"{each}: no case has this id, rule, level or name{hint}")
     return [p for p in everything if any(_names(each, p) for each in wanted)]
 
 
 def _names(selector: str, purpose: Purpose) -> bool:
-    return selector in (purpose.id, purpose.level, *purpose.rules) or purpose.id.startswith(
-        (selector + "/", selector + "-")
+    word = purpose.case.partition(" ")[0].upper()
+    return selector in (purpose.id, purpose.level, *purpose.rules, word or purpose.id) or (
+        purpose.id.startswith((selector + "/", selector + "-"))
     )

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias, get_args
 
 from automcm_conformance.adapter.protocol import DEFAULTS
+from automcm_conformance.exchange.malformed_messages import named_by_acks
 from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
-from automcm_conformance.suite.malformed_messages import named_by_acks
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.station import (
@@ -113,7 +113,7 @@ HEARD_THEM = cam(Y, THEIRS)
 FINISHED = received("Fin", THEIRS)
 REQUEST = command("request", (0, 0))
 INTENDED = received("Intention", MINE)
-WINDOW = expire("advertise")
+WINDOW, CLOSE = expire("advertise"), command("close", MINE)
 PRESCRIBE = command("prescribe", MINE, 1, Y)
 PRESCRIPTION_ACKED = received("Ack", MINE, of=("Prescription", 1))
 ACCEPTED, REFUSED = received("Acceptance", MINE, accepted=True), received("Acceptance", MINE)
@@ -208,7 +208,7 @@ _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
     ([*COMMITTED, ACCEPTANCE_ACKED], ("lease",), [LEAVE, CANCELLED, REQUEST, RESTART]),
     ([*WAITING, FINISHED], ("forget", Y), [ADVERTISED, REQUEST, RESTART]),
     ([REQUEST], ("advertise",), [ABORT, REQUEST, RESTART]),
-    ([REQUEST, INTENDED], ("advertise",), [WITHDRAWN, ABORT, REQUEST, RESTART]),
+    ([REQUEST, INTENDED], ("advertise",), [WITHDRAWN, CLOSE, ABORT, REQUEST, RESTART]),
     ([REQUEST], ("resend", entry("Advertisement", 0, MINE)), [ABORT, INTENDED, RESTART]),
     ([REQUEST, WINDOW], ("backoff",), [ADVERTISED, RESTART]),
     (CHOOSING, ("decide",), [ABORT, PROCEED, WITHDRAWN, RESTART]),

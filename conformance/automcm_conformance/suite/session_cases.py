@@ -38,7 +38,7 @@ SHARES = 9
 SHORT_MS = 900
 """A lease that ends before the other timers of ACTUATING."""
 COMMANDS = {
-    "prescriber": ("request", "prescribe", "proceed", "complete", "abort"),
+    "prescriber": ("request", "close", "prescribe", "proceed", "complete", "abort"),
     "receiver": ("accept", "refuse", "abort"),
 }
 ROLES = ("prescriber", "receiver")

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import gc
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
+from time import monotonic
 
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.results import BROKE, Report
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import named_cases, two_peer_pairs
 from automcm_conformance.suite.graph_cases import Notify, Runner
+from automcm_conformance.suite.off_graph_cases import TWO, two_peers
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.purposes import load as load_purposes
-from automcm_conformance.suite.tally import Part
+from automcm_conformance.suite.tally import WHOLE, Part
 from automcm_conformance.suite.verdicts import Expectations, report
 from automcm_spec.graph.oracle import Answer, Oracle, OracleError, load
-from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
+
+LONG = ("quantity sessions", "quantity receptions")
+"""The first words of the cases that ``--quick`` omits because they are long."""
 
 
 def conform(
@@ -33,8 +38,13 @@ def conform(
     notify: Notify,
     selectors: Sequence[str],
     expected: Expectations,
+    stop_after: int = 0,
+    quick: bool = False,
 ) -> Report:
     """Run these purposes; replays and logs are written into ``folder``.
+
+    ``stop_after``: this many failed cases end the run (0: none do). ``quick``: only a part of the
+    suite (``Runner.quick``).
 
     Raises AdapterError or ProtocolError if the adapter does not answer ``hello``, and OracleError.
     """
@@ -42,11 +52,13 @@ def conform(
     graphs = Graphs.load(spec)
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, notify)
+    runner.enough, runner.quick = stop_after, quick
     try:
         with uncollected():
             if any(purpose.select for purpose in purposes):
                 tours(runner, graphs)
-                named_cases.samples(runner, folder)
+                if not quick:
+                    named_cases.samples(runner, folder)
             special(runner, graphs, purposes, folder)
     except KeyboardInterrupt:
         runner.ended = "interrupted"
@@ -77,19 +89,23 @@ class Graphs:
     """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
     of the others. Runs may share them. Raises OracleError, here or later."""
 
-    def __init__(self, one: Oracle) -> None:
+    def __init__(self, one: Oracle, shared: bool = False) -> None:
         self.one = one
         self.owners = Owners(load_purposes())
+        self._shared = shared
         self._pairs: dict[frozenset[str], list[Answer]] = {}
 
     @classmethod
-    def load(cls, spec_hash: str) -> Graphs:
-        """The hash of the specification that the graphs were made from."""
+    def load(cls, spec_hash: str, *, shared: bool = False) -> Graphs:
+        """``spec_hash``: of the specification that the graphs were made from. ``shared``: several
+        runs use them, so that the pairs are kept in memory."""
         with uncollected():
-            return cls(load(ONE_PEER.path, spec_hash))
+            return cls(load(ONE_PEER.path, spec_hash), shared)
 
-    def pairs(self, rules: frozenset[str]) -> list[Answer]:
+    def pairs(self, rules: frozenset[str]) -> Iterable[Answer]:
         """The pairs of ``one`` that these rules decide."""
+        if not self._shared:
+            return self.one.decided_by(rules)
         if rules not in self._pairs:
             self._pairs[rules] = list(self.one.decided_by(rules))
         return self._pairs[rules]
@@ -97,7 +113,7 @@ class Graphs:
     @cached_property
     def two(self) -> Oracle:
         """The graph with two peers."""
-        return load(TWO_PEERS.path, self.one.spec_hash)
+        return two_peers(self.one.spec_hash)
 
     @cached_property
     def third(self) -> list[Answer]:
@@ -118,21 +134,33 @@ class Graphs:
 def tours(runner: Runner, graphs: Graphs) -> None:
     """Test the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
-    third = [answer for answer in graphs.third if answer.effect.rule in rules]
     limits = graphs.limits if "MEM-1" in rules else []
     runner.graph(Part("one-peer", graphs.one), graphs.pairs(rules), owners)
-    runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
+    if not runner.quick:
+        third = [answer for answer in graphs.third if answer.effect.rule in rules]
+        runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
     runner.graph(Part("tight, MEM-1", graphs.tight), limits, owners)
 
 
 def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
-    """Run the named cases."""
+    """Run the named cases. Between them garbage is collected, without the permanent values."""
     part = Part("special", graphs.one)
-    for purpose in purposes:
-        if not purpose.case:
-            continue
-        runner.notify(purpose.case)
-        if purpose.case in scenario_cases.NAMES:
-            named_cases.scenario(runner, purpose, folder)
-        else:
-            named_cases.special(runner, purpose, part, folder)
+    gc.freeze()
+    try:
+        for purpose in purposes:
+            if not purpose.case:
+                continue
+            runner.notify(purpose.case)
+            started = monotonic()
+            is_scenario = purpose.case in scenario_cases.NAMES
+            if runner.quick and (is_scenario or purpose.case.startswith((*TWO, *LONG))):
+                runner.tallies[purpose.id].total = 1
+                runner.tallies[purpose.id].skipped[WHOLE] += 1
+            elif is_scenario:
+                named_cases.scenario(runner, purpose, folder)
+            else:
+                named_cases.special(runner, purpose, part, folder)
+            runner.case_seconds[purpose.id] = monotonic() - started
+            gc.collect()
+    finally:
+        gc.unfreeze()

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from automcm_conformance.exchange.exchange import Exchange, Mismatch
+from automcm_conformance.exchange.deciding import Deciding
+from automcm_conformance.exchange.exchange import Broken, Exchange, Mismatch
 from automcm_conformance.exchange.play import Wrong
-from automcm_conformance.exchange.results import Verdict
+from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC, Verdict
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import Values
 from automcm_conformance.scenarios.scenario_runner import Outcome
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_spec.graph.oracle import Oracle
-from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import Finding, Kind
 
-DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
+UNCONFIRMED_TEXTS = {
+    KEPT: "a fresh process answers the same lines correctly, a used one does not",
+    NONDETERMINISTIC: "answered differently when the same was sent again",
+}
+WHOLE = "the whole suite, not --quick"
+"""What a pair or a case that ``--quick`` omits needs."""
 ENOUGH = 3
 """The number of wrong answers after which a case is decided and driven no further."""
 
@@ -41,9 +46,18 @@ class Fault:
     """A finding, and the exchange that shows it: its last answer is wrong, or missing."""
 
     finding: Finding
-    input: Input | None
-    """The input that the rule decides."""
     error: Wrong
+    deciding: Deciding
+
+    unconfirmed: str = ""
+    """Why a fresh process does not fail: one of UNCONFIRMED; empty if it does."""
+
+    @property
+    def difference(self) -> str:
+        """What differs, without values."""
+        if self.unconfirmed or not isinstance(self.error, Mismatch):
+            return self.unconfirmed or (self.error.kind if isinstance(self.error, Broken) else "")
+        return self.error.problems[0].kind
 
     @property
     def verdict(self) -> Verdict:
@@ -51,14 +65,15 @@ class Fault:
         return "ERROR" if self.finding.kind in ("unreadable", "cannot_tell") else "FAIL"
 
 
-def finding(error: Wrong, rule: str, more: str = "", *, again: bool = True) -> Finding:
-    """The finding of a wrong exchange, with the text ``more``. Not ``again``: the same lines got
-    another answer when they were sent again."""
-    if not again:
-        return Finding("cannot_tell", rule, observed=f"{DIFFERENTLY}: {error}{more}")
+def finding(error: Wrong, rule: str, more: str = "", *, unconfirmed: str = "") -> Finding:
+    """The finding of a wrong exchange, with the text ``more``. ``unconfirmed``: the same lines got
+    another answer when they were sent again, as one of UNCONFIRMED says."""
+    if unconfirmed:
+        why = f"{unconfirmed}: {UNCONFIRMED_TEXTS[unconfirmed]}"
+        return Finding("cannot_tell", rule, observed=f"{why}: {error}{more}")
     kind: Kind = "unreadable"
     if isinstance(error, Mismatch):
-        kind = "state" if {part for part, _ in error.problems} == {"phase"} else "unexpected"
+        kind = "state" if error.parts == {"phase"} else "unexpected"
     return Finding(kind, rule, observed=f"{error}{more}")
 
 

@@ -25,7 +25,6 @@ from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Fault, Tally
 from automcm_spec.support import files
 from automcm_spec.vocabulary.rules import RULES, handler, line
-from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import Finding
 
 Expectations = Mapping[str, tuple[Verdict, str]]
@@ -112,6 +111,8 @@ def report(
         runner.seed,
         list(selectors),
         problems,
+        notes=list(filter(None, [runner.adapter.slowness])),
+        case_seconds={name: round(s, 3) for name, s in runner.case_seconds.items() if s},
         broke=runner.broke,
     )
 
@@ -142,9 +143,13 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
     if o.verdict in ("PASS", "SKIP"):
         return []
     again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
-    return [
-        _failure(o.finding, o.input, transcript.answerable(o.finding), o.came, o.lines, "", again)
-    ]
+    rule = o.finding.rule
+    told = (rule, handler(o.input), line(rule, o.input)) if o.input else (rule, "", 0)
+    expected = transcript.answerable(o.finding)
+    made = _failure(o.finding, told, expected, o.came, o.lines, "", again)
+    made.guard, made.as_if = o.finding.why.guard, o.finding.why.nearest
+    made.difference = f"{o.finding.kind} in a scenario"
+    return [made]
 
 
 def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
@@ -196,19 +201,23 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     )
     again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
     at, allowed = str(replay.relative_to(folder)), transcript.allowed(last.expected)
-    return _failure(found, fault.input, allowed, came, lines, at, again)
+    told = found.rule, fault.deciding.operator, fault.deciding.line
+    made = _failure(found, told, allowed, came, lines, at, again)
+    made.guard, made.as_if = fault.deciding.guard, fault.deciding.as_if
+    made.timer, made.difference = last.expected.timer, fault.difference
+    return made
 
 
 def _failure(
     found: Finding,
-    value: Input | None,
+    deciding: tuple[str, str, int],
     allowed: list[str],
     came: list[str],
     lines: list[Line],
     replay: str,
     command: str,
 ) -> Failure:
-    rule, what = found.rule or found.property, transcript.finding(found)
-    operator, at = (handler(value), line(rule, value)) if value else ("", 0)
+    rule, operator, at = deciding
+    rule, what = rule or found.property, transcript.finding(found)
     text = RULES.get(rule, "")
     return Failure(rule, text, operator, at, what, allowed, came, lines, replay, command)

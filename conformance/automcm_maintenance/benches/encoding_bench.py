@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from automcm_cli.shared.common import table_of
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import BENCH, TLA
@@ -122,3 +125,38 @@ def _measure(name: str, seconds: int, bench: Path) -> Figure:
     # TLC also prints "No error has been found" when the time limit stops it, but states are left.
     finished = bool(progress) and progress[-1].queue == 0
     return Figure(name, about, r.distinct_states, r.states, r.depth, r.seconds, finished)
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the table and the conclusion."""
+    table = table_of("encoding", "distinct states", "depth", "seconds", "ratio")
+    table.add_column("")
+    for figure in (report.ours, *report.naive):
+        table.add_row(*_row(report, figure))
+    console.print(
+        "1 prescriber, 1 receiver, 2 sessions, 2 proposals; S-1 to S-5 hold as far as seen"
+    )
+    console.print(table)
+    for figure in (report.ours, *report.naive):
+        console.print(f"{figure.encoding}: {figure.about}", highlight=False)
+    console.print(_conclusion(report), highlight=False)
+
+
+def _row(report: Report, figure: Figure) -> list[str]:
+    bound = "" if figure.finished else ">= "
+    return [
+        figure.encoding,
+        f"{bound}{figure.distinct_states:,}",
+        str(figure.depth),
+        f"{figure.seconds:.1f}",
+        f"{bound}{report.ratio(figure):.1f}",
+        "finished" if figure.finished else "not finished",
+    ]
+
+
+def _conclusion(report: Report) -> str:
+    if report.shown:
+        return f"Every naive encoding has at least {FACTOR} times the states."
+    if report.shown is None:
+        return f"Too short to tell whether it is {FACTOR} times the states: give more --seconds."
+    return f"A naive encoding has less than {FACTOR} times the states."

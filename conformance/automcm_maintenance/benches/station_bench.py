@@ -1,4 +1,4 @@
-"""``automcm bench station``, ``kernels`` and ``security``: the figures as tables."""
+"""``automcm bench station``, ``kernels``, ``security`` and ``radio``: the figures as tables."""
 
 from __future__ import annotations
 
@@ -67,6 +67,55 @@ def security(
         report = security_bench.run(seconds, notify)
     if write_json(json_, report.as_dict()):
         show_security(report, console_of())
+
+
+def window(
+    sessions: Annotated[int, typer.Option(help="Sessions at each loss.", min=1)] = 200,
+    seed: Annotated[int, typer.Option(help="The seed of the sessions.")] = 1,
+    json_: Json = None,
+) -> None:
+    """Measure the gain of a window that closes early (ADV-9).
+
+    A window that closes when every known neighbour has answered is compared with the paper's, with
+    the same seeds in virtual time, so the figures do not depend on the machine.  There is no
+    verdict.
+    """
+    from automcm_evaluation.loss import window_bench
+
+    with progress() as notify:
+        rows = window_bench.run(sessions, seed, notify)
+    if not write_json(json_, [row.as_dict() for row in rows]):
+        return
+    table = table_of("loss", "window", "agreed", "mean ms", "95 % within ms", "messages", "ratio")
+    for row in rows:
+        for name, of in (("fixed", row.fixed), ("early", row.early)):
+            ratio = f"{row.ratio:.1f}" if of is row.early else ""
+            mean, figures = f"{of.mean_ms:,.0f}", (f"{of.q95_ms:,}", f"{of.messages:.1f}", ratio)
+            table.add_row(f"{row.loss}%", name, f"{of.agreed:.1%}", mean, *figures)
+    console_of().print(table)
+
+
+def radio(
+    seconds: Annotated[float, typer.Option(help="Approximate duration in seconds.", min=0.1)] = 20,
+    json_: Json = None,
+) -> None:
+    """Measure the speed of the simulated radio channel.
+
+    The result is in simulated seconds a second on one core.  Every vehicle sends a CAM at 10 Hz.
+    The baseline of the same run is a coin for each receiver.  There is no verdict: the figures
+    depend on the machine, the ratio less so.
+    """
+    from automcm_maintenance.benches import radio_bench
+
+    with progress() as notify:
+        report = radio_bench.run(seconds, notify)
+    if write_json(json_, report.as_dict()):
+        columns = ("receptions a second", "simulated s a second", "with coins", "ratio")
+        table = table_of("vehicles", *columns)
+        for rate in report.rates:
+            speeds = f"{rate.table:.1f}", f"{rate.coins:.1f}", f"{rate.table / rate.coins:.2f}"
+            table.add_row(str(rate.vehicles), f"{rate.receptions:,}", *speeds)
+        console_of().print(table)
 
 
 def show(report: Report, console: Console) -> None:

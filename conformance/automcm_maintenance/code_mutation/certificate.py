@@ -158,7 +158,7 @@ class _Worker:
         children.end_with_parent()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent terminates this process
         signal.signal(signal.SIGTERM, _end)
-        cls.graphs = Graphs.load(spec_hash())
+        cls.graphs = Graphs.load(spec_hash(), shared=True)
 
 
 def _end(*_: object) -> None:
@@ -218,12 +218,15 @@ def _looked_at(asked: Asked) -> list[tuple[str, int]]:
 
 
 def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
-    """Hold the suite against one station; the cases that ``first`` selects before the others."""
+    """Hold the suite against one station: first the cases that ``first`` selects, then the quick
+    part of all cases; the whole suite only if none of these fails."""
     chosen = purposes.select(purposes.load(), asked.selectors)
     likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
     likely = likely if asked.cases else []
     found = Kills()
-    for part in [likely, chosen] if likely else [chosen]:
+    parts = [(likely, False)] if likely else []
+    parts += [(chosen, True)] if asked.cases else []
+    for part, quick in [*parts, (chosen, False)]:
         found = suite_kills.kills(
             command,
             _Worker.graphs,
@@ -234,8 +237,10 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
             limit_s=LIMIT_S,
             until_s=UNTIL_S,
             brief=part is likely,
+            quick=quick,
         )
-        if found.unstarted is not None or len(found.cases) >= asked.cases > 0:
+        enough = 1 if quick else asked.cases
+        if found.unstarted is not None or len(found.cases) >= enough > 0:
             break
     return found
 
@@ -253,7 +258,7 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     rows: dict[str, Row] = {}
     problems: list[str] = []
     for mutant in mutants:
-        row = kept.row(mutant)
+        row = kept.row(mutant.id, mutant.source)
         if row is not None:
             rows[mutant.id] = row
     left = [mutant for mutant in mutants if mutant.id not in rows]
@@ -268,23 +273,30 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
 
 def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
     """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
-    mutants = cpp_station.mutants()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    kept, mutants = _Kept(asked), cpp_station.mutants()
     rows: dict[str, Row] = {}
+    left = []
     problems: list[str] = []
+    texts = (path for path in sorted(cpp_station.SOURCE.iterdir()) if path.is_file())
+    sources = "".join(path.read_text(encoding="utf-8") for path in texts)
     header = (cpp_station.SOURCE / "station.hpp").read_text(encoding="utf-8")
     for m in mutants:
         line = header[: header.index(m.edits[0][0])].count("\n") + 1
         file = "conformance/implementations/cpp/station.hpp"
         row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
-        rows[m.name] = row
+        rows[row.id] = kept.row(row.id, f"{sources}{m.edits}") or row
+        left += [(m, asked)] if rows[row.id] is row else []
     try:
         with _processes(asked) as pool:
-            jobs = [(m, asked) for m in mutants]
-            for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, jobs)):
-                notify(f"the C++ station: {n + 1} of {len(jobs)}")
+            for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, left)):
+                notify(f"the C++ station: {n + 1} of {len(left)}")
+                row = rows[f"cpp/{name}"]
                 if kills is not None:
-                    _set_verdict(rows[name], kills)
-                rows[name].why = rows[name].why or error
+                    _set_verdict(row, kills)
+                row.why = row.why or error
+                (edits,) = [m.edits for m in mutants if m.name == name]
+                kept.keep(f"{sources}{edits}", row, rows)
     except KeyboardInterrupt:
         problems.append("interrupted")
     return list(rows.values()), problems
@@ -331,7 +343,7 @@ def _judge(
                 _set_verdict(row, kills)
             if row.verdict == "survived":
                 open_.append(by_id[id_])
-            kept.keep(by_id[id_], row, rows)
+            kept.keep(by_id[id_].source, row, rows)
     open_ = [mutant for mutant in mutants if mutant in open_]
     if open_:
         for walk in asked.walks:
@@ -347,7 +359,7 @@ def _judge(
             row.verdict, row.why = "equivalent", HIDDEN
         else:
             row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
-        kept.keep(by_id[id_], row, rows)
+        kept.keep(by_id[id_].source, row, rows)
 
 
 def _set_verdict(row: Row, kills: Kills) -> None:
@@ -373,12 +385,12 @@ class _Kept:
                 entry = json.loads(line)
                 self.known[entry["key"]] = entry["row"]
 
-    def _key(self, mutant: Mutant) -> str:
-        return hashlib.sha256(f"{self.suite}{mutant.id}{mutant.source}".encode()).hexdigest()
+    def _key(self, id_: str, source: str) -> str:
+        return hashlib.sha256(f"{self.suite}{id_}{source}".encode()).hexdigest()
 
-    def row(self, mutant: Mutant) -> Row | None:
+    def row(self, id_: str, source: str) -> Row | None:
         """The earlier result of a mutant, if it is final."""
-        entry = self.known.get(self._key(mutant))
+        entry = self.known.get(self._key(id_, source))
         if entry is None or (entry["verdict"] == "undecided"):
             return None
         if entry["verdict"] == "survived" and not entry["difference"]:
@@ -388,10 +400,11 @@ class _Kept:
         row.difference = None if difference is None else Difference(**difference)
         return row
 
-    def keep(self, mutant: Mutant, row: Row, rows: dict[str, Row]) -> None:
-        rows[mutant.id] = row
+    def keep(self, source: str, row: Row, rows: dict[str, Row]) -> None:
+        rows[row.id] = row
         with self.path.open("a", encoding="utf-8") as out:
-            out.write(json.dumps({"key": self._key(mutant), "row": row.as_dict()}) + "\n")
+            key = self._key(row.id, source)
+            out.write(json.dumps({"key": key, "row": row.as_dict()}) + "\n")
 
 
 def suite_hash(asked: Asked) -> str:

@@ -43,7 +43,9 @@ def certify(
     ] = None,
     station: Annotated[str, typer.Option(help="Mutate reference, cpp or all.")] = "reference",
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/certificate"),
-    jobs: Annotated[int, typer.Option(help="Number of mutants to run in parallel.", min=1)] = 2,
+    jobs: Annotated[
+        int, typer.Option("--workers", "--jobs", help="Mutants to run in parallel.", min=1)
+    ] = 2,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
@@ -52,7 +54,8 @@ def certify(
 ) -> None:
     """Measure the suite on mutants of stations.
 
-    The suite must fail each mutant, a station with one deliberate defect.
+    The suite must fail each mutant, a station with one deliberate defect.  Results are kept in
+    the folder; an interrupted run continues.
     """
     from automcm_maintenance.code_mutation import certificate, certificate_page, cpp_station
     from automcm_maintenance.code_mutation.certificate import Asked

@@ -49,11 +49,13 @@ def kills(
     limit_s: float,
     until_s: float,
     brief: bool = False,
+    quick: bool = False,
 ) -> Kills:
     """Run these purposes until ``enough`` cases fail (0 = run all), the fast ones first.
 
     ``limit_s`` is the time limit for an answer, ``until_s`` approximately that for all.  With
-    ``brief``, a wrong answer that belongs to none of these cases ends the run, too.
+    ``brief``, a wrong answer that belongs to none of these cases ends the run, too.  ``quick``: as
+    ``conform run --quick``.
 
     Raises OSError, OracleError.
     """
@@ -69,6 +71,8 @@ def kills(
         return Kills(what=str(error), unstarted=getattr(error, "exit_code", None) or 0)
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.runs, runner.starts = enough, RUNS, STARTS
+    runner.quick = quick
+    runner.confirms = False  # a mutant is deterministic, and each takes a new process
     last = [purpose for purpose in purposes if purpose.case in scenario_cases.NAMES]
     late = False
     try:
@@ -76,7 +80,8 @@ def kills(
             special(runner, graphs, [p for p in purposes if p not in last], folder)
             if any(purpose.select for purpose in purposes):
                 tours(runner, graphs)
-                named_cases.samples(runner, folder)
+                if not quick:
+                    named_cases.samples(runner, folder)
             special(runner, graphs, last, folder)
     except _Late:
         late = True

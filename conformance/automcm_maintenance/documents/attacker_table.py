@@ -14,7 +14,7 @@ PROPERTIES = (
     *(f"T-{n}" for n in range(1, 6)),
     *("R-1", "R-2"),
 )
-_DEFENCES = ("Dies", "WindowOf", "MaySign", "Signed", "OfPeer")
+_DEFENCES = ("Dies", "WindowOf", "MaySign", "Signed", "OfPeer", "WithinRounds")
 """Parts of the envelope and of the station. A model that replaces one is not in the table."""
 
 

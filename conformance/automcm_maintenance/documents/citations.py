@@ -21,7 +21,7 @@ COLUMNS = (
     *("specification", "must fail", "code", "case", "log tools", "vector", "counterexample"),
     "test",
 )
-_ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|L|R|T)-\d\b")
+_ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|I|L|R|T)-\d\b")
 CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """The packages that implement rules; experiments only measure them."""
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)

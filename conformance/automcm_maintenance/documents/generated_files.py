@@ -18,6 +18,8 @@ from automcm_maintenance.documents import (
     citations,
     cli_page,
     import_graph,
+    independence_tables,
+    matrix_page,
     models_page,
     state_diagrams,
 )
@@ -39,6 +41,8 @@ CLI_PAGE = ROOT / "docs" / "cli.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 SECURITY = ROOT / "docs" / "security.md"
+VERIFICATION = ROOT / "docs" / "verification.md"
+MUTATION = ROOT / "docs" / "mutation.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
@@ -188,6 +192,8 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
         SECURITY: lambda: between(
             SECURITY.read_text(), "attackers", attacker_table.table(models.load())
         ),
+        VERIFICATION: _verification,
+        MUTATION: lambda: between(MUTATION.read_text(), "matrix", matrix_page.page_part()),
         PICTURE: picture,
         EVALUATION: lambda: report.evaluation(results),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
@@ -204,6 +210,11 @@ def _architecture() -> str:
     found = import_graph.read(ROOT)
     text = between(ARCHITECTURE.read_text(), "imports", import_graph.picture(found))
     return between(text, "modules", import_graph.table(ROOT))
+
+
+def _verification() -> str:
+    text = between(VERIFICATION.read_text(), "interface", independence_tables.interface())
+    return between(text, "ids and numbers", independence_tables.uses())
 
 
 def between(text: str, name: str, part: str) -> str:

@@ -21,10 +21,12 @@ LAYERS = {
     "automcm_spec": "support vocabulary model_checking graph compilation",
     "automcm_traces": "format checker system explain edit export viewer",
     "automcm": "core encoding kernels security links adapters service bridge scenarios",
-    "automcm_evaluation": "framework arrival bandwidth comfort loss safety sweeps",
+    "automcm_evaluation": (
+        "framework arrival bandwidth comfort loss safety radio traffic traffic_scenarios sweeps"
+    ),
     "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
     "automcm_cli": "shared conform reference spec trace",
-    "automcm_maintenance": "corpus documents spec_mutation code_mutation benches verify",
+    "automcm_maintenance": "corpus documents spec_mutation induction code_mutation benches verify",
 }
 """The subpackages of each package; each may import those before it.  Top-level modules may import
 all."""
@@ -32,12 +34,16 @@ BEGIN = {
     "automcm_spec": "files messages tlc oracle compiler",
     "automcm_traces": "log engine timeline explain log_shrinking itf_log page",
     "automcm": "rules codec trajectory verifier link spec_mapping service websocket_bridge drive",
-    "automcm_evaluation": "experiment arrival bandwidth comfort loss safety report",
+    "automcm_evaluation": (
+        "experiment arrival bandwidth comfort loss safety radio traffic catalogue report"
+    ),
     "automcm_conformance": (
         "protocol exchange monitor graph_cases explore live graph_comparison report vectors"
     ),
     "automcm_cli": "common conform station_commands spec_commands trace_commands",
-    "automcm_maintenance": "corpus generated_files mutants certificate conform_bench verify",
+    "automcm_maintenance": (
+        "corpus generated_files mutants proof certificate conform_bench verify"
+    ),
 }
 """The module of each subpackage with which to begin to read."""
 # Modules without protocol logic: those about the operating system, and the vocabulary.

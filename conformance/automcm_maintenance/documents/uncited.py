@@ -48,7 +48,18 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
     ("log tools", ("ACT-1", *KINEMATIC), _TRAJECTORY),
     (
         "log tools",
-        (*_OF_ONE, *(f"L-{n}" for n in range(1, 5)), "R-1", "R-2", "T-6", "T-7", "T-8", "T-9"),
+        (
+            "I-1",
+            *_OF_ONE,
+            *(f"L-{n}" for n in range(1, 5)),
+            "P-1",
+            "R-1",
+            "R-2",
+            "T-6",
+            "T-7",
+            "T-8",
+            "T-9",
+        ),
         "checked by TLC; the log tools judge S-1 to S-8 and T-1 to T-5",
     ),
     ("counterexample", ("PRE-3", "PRE-5", "NEG-8"), _EARLY),
@@ -56,7 +67,7 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
     ("counterexample", ("ACT-1", *KINEMATIC), _TRAJECTORY),
     (
         "test",
-        ("L-2", "L-3", "R-1", "R-2", *_OF_ONE, "T-7"),
+        ("L-2", "L-3", "P-1", "R-1", "R-2", *_OF_ONE, "T-7"),
         "only checked by TLC; its must-fail model shows that the check can fail",
     ),
     *((column, tuple(APPLICATION), _APPLICATION) for column in _ABOVE),

@@ -100,6 +100,7 @@ NEIGHBOURS: dict[str, str] = {
 """Constants and plausible replacements of the same kind.  "none" is omitted: it has three kinds."""
 COMMANDS: dict[str, str] = {
     "request": "abort",
+    "close": "proceed",
     "prescribe": "proceed",
     "proceed": "abort",
     "accept": "refuse",

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from automcm_maintenance.documents import matrix_page
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_maintenance.spec_mutation import mutant_runs, survivors
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
@@ -214,14 +215,7 @@ def _rate_text(report: Report) -> str:
 
 
 def markdown(report: Report) -> str:
-    """The page docs/mutation.md: the tables, the matrix definition x property, the survivors."""
-    names = list(_per_property(report))
-    rows: list[list[object]] = []
-    for place in dict.fromkeys(f"{o.mutant.module}.{o.mutant.operator}" for o in report.outcomes):
-        of = [o for o in report.outcomes if f"{o.mutant.module}.{o.mutant.operator}" == place]
-        killed = Counter(name for o in of for name in o.properties)
-        rows.append([f"`{place}`", len(of), *(killed[name] or "" for name in names)])
-    rows.append(["all", len(report.outcomes), *_per_property(report).values()])
+    """The page docs/mutation.md: the tables, the committed matrix, the survivors."""
     kinds = [[kind, *_cells(found), KINDS.get(kind, "")] for kind, found in _by_kind(report)]
     return markdown_.page(
         PAGES / "mutation.md.j2",
@@ -229,7 +223,7 @@ def markdown(report: Report) -> str:
         kinds=markdown_table(["kind", *_heads(), "what"], kinds),
         rates=_rate_text(report),
         hows={_head(how): text for how, text in HOW.items()},
-        matrix=markdown_table(["definition", "mutants", *names], rows),
+        matrix=matrix_page.page_part(),
         survivors=[o.mutant for o in report.outcomes if o.survived],
         listed=SURVIVORS,
         reasons=report.reasons,

@@ -203,7 +203,7 @@ inline const std::map<std::string, Fields>& command_fields() {
         {"prescribe", {{"session", is_session}, {"proposal", from_one}, {"target", is_station},
                        {"prescribed", is_trajectory}, {"hold_ms", from_zero},
                        {"lease_ms", from_one}}},
-        {"proceed", plain}, {"complete", plain}, {"abort", plain},
+        {"close", plain}, {"proceed", plain}, {"complete", plain}, {"abort", plain},
         {"accept", {{"session", is_session}, {"proposal", from_one}, {"selected", is_trajectory}}},
         {"refuse", {{"session", is_session}, {"proposal", from_one}}}};
     return fields;

@@ -552,6 +552,7 @@ private:
         if ((type == "Advertisement" || type == "Prescription") && src != prescriber) {
             return "not from the prescriber of the session";
         }
+        if (type == "Prescription" && message["proposal"] > p_.max_rounds) return "after the last round";
         if ((type == "Intention" || type == "Acceptance") && prescriber != id_) {
             return "not a session of this station";
         }
@@ -564,9 +565,8 @@ private:
             if (message["proposal"] > own_.proposal) return "a proposal not yet sent";
         }
         if (type == "Prescription" && message["proposal"] > own_.proposal) {
-            // A newer one that is above the last round is out of turn as well.
             const bool turn = phase_ == Phase::intending || phase_ == Phase::waiting;
-            if (!turn || message["proposal"] > p_.max_rounds) return "a proposal out of turn";
+            if (!turn) return "a proposal out of turn";
         }
         return nullptr;
     }
@@ -727,6 +727,7 @@ private:
         if (!bound()) return "CMD-1: there is no session";
         if (!is_own(command["session"])) return "PRE-5: another session";
         if (name == "prescribe") return prescribe(command);
+        if (name == "close") return close();
         if (name == "proceed") return proceed();
         if (name == "accept") return accept(command);
         if (name == "refuse") return refuse(command);
@@ -747,6 +748,14 @@ private:
         phase_ = Phase::advertising;
         arm(Timer::advertise, p_.t_advertise());
         broadcast_advertisement();
+        return nullptr;
+    }
+
+    const char* close() {                                                           // ADV-9
+        if (phase_ != Phase::advertising) return "CMD-1: no window is open";
+        if (own_.recorded.empty()) return "ADV-9: nobody has answered";
+        stop(Timer::advertise);
+        on_advertise_end();
         return nullptr;
     }
 

@@ -57,7 +57,8 @@ func (s *Station) breaksProtocol(m *Message) bool {
 		return m.Src != prescriber
 	case "Prescription":
 		newer := s.in(m.Session) && m.Proposal > s.proposal
-		return m.Src != prescriber || newer && s.phase != Intending && s.phase != Waiting
+		return m.Src != prescriber || m.Proposal > s.p.MaxRounds ||
+			newer && s.phase != Intending && s.phase != Waiting
 	case "Intention":
 		return prescriber != s.id
 	case "Acceptance":
@@ -267,9 +268,7 @@ func (s *Station) expire(d due) {
 			s.noParticipants()
 			return
 		}
-		s.enter(Choosing)
-		s.arm(timerDecide)
-		s.tell(Indication{Name: "choose", Stations: s.recordedStations(), Rule: "PRE-1"})
+		s.choose("PRE-1")
 	case timerResendAdvertisement: // ADV-2
 		s.send(s.advertisement)
 		s.arm(timerResendAdvertisement)
@@ -306,6 +305,13 @@ func (s *Station) expire(d due) {
 	}
 }
 
+// choose closes the window, in which somebody has answered.
+func (s *Station) choose(rule string) {
+	s.enter(Choosing)
+	s.arm(timerDecide)
+	s.tell(Indication{Name: "choose", Stations: s.recordedStations(), Rule: rule})
+}
+
 // refuseProposal says no and goes back to WAITING (NEG-3).
 func (s *Station) refuseProposal(reason string) {
 	s.post(&Message{Type: "Acceptance", Proposal: s.proposal, Accepted: &no, Reason: reason}, s.peer)
@@ -337,6 +343,15 @@ func (s *Station) Do(c *Command) error {
 	switch c.Name {
 	case "request":
 		s.request(c)
+	case "close": // ADV-9
+		switch {
+		case !own || s.phase != Advertising:
+			s.refuse("CMD-1")
+		case len(s.recorded) == 0:
+			s.refuse("ADV-9")
+		default:
+			s.choose("ADV-9")
+		}
 	case "prescribe":
 		s.prescribe(c)
 	case "proceed": // PRE-3

@@ -372,6 +372,10 @@ class Prescribe(_OfSession):
         )
 
 
+class Close(_OfSession):
+    """Close the advertising window before its time (ADV-9)."""
+
+
 class Proceed(_OfSession):
     """No vehicle is in the way (PRE-3)."""
 
@@ -419,6 +423,8 @@ def of_command(command: commands.Command) -> Input:
             return Accept(session=to_session(command.session), proposal=command.proposal)
         case commands.Refuse():
             return Refuse(session=to_session(command.session), proposal=command.proposal)
+        case commands.Close():
+            return Close(session=to_session(command.session))
         case commands.Proceed():
             return Proceed(session=to_session(command.session))
         case commands.Complete():
@@ -427,7 +433,9 @@ def of_command(command: commands.Command) -> Input:
             return Abort(session=to_session(command.session))
 
 
-Input = OdometryIn | Plan | Request | Prescribe | Proceed | Accept | Refuse | Complete | Abort
+Input = (
+    OdometryIn | Plan | Request | Close | Prescribe | Proceed | Accept | Refuse | Complete | Abort
+)
 Output = State | Surroundings | Drive | Choice | Proposal | Advertised | Refused
 INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
 OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}

@@ -148,6 +148,8 @@ def breaks_protocol(me: Me, st: State, i: Received[Message]) -> bool:
         return m.reason == "closed" and m.src != m.session[0]
     if m.type in ("Intention", "Acceptance"):
         return m.session[0] != me.station_id
+    if m.type == "Prescription" and m.proposal > me.max_rounds:
+        return True
     return m.type in ("Advertisement", "Prescription") and m.src != m.session[0]
 
 

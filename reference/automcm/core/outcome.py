@@ -14,6 +14,7 @@ from automcm.core.state import State, Timer
 from automcm_spec.vocabulary.application import (
     Abort,
     Accept,
+    Close,
     Command,
     Complete,
     Discarded,
@@ -82,7 +83,7 @@ class ReceivedCam(NamedTuple):
 
 
 Input = Received[Message] | ReceivedCam | Command | Expiry | Restart
-OfSession = Prescribe | Proceed | Accept | Refuse | Complete | Abort
+OfSession = Close | Prescribe | Proceed | Accept | Refuse | Complete | Abort
 """The commands that name a session: all but a request."""
 
 

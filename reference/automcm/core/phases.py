@@ -19,7 +19,7 @@ Way = tuple[Role, Phase, Phase, str]
 """Role, phase before, phase after, and the rule."""
 
 RULES = (
-    *("ADV-1", "ADV-3", "ADV-6", "ADV-7"),
+    *("ADV-1", "ADV-3", "ADV-6", "ADV-7", "ADV-9"),
     *("PRE-1", "PRE-2", "PRE-3", "PRE-4", "PRE-5"),
     *("NEG-1", "NEG-2", "NEG-3", "NEG-6", "NEG-7", "NEG-8"),
     *("ACT-2", "ACT-3", "ACT-4", "END-1", "END-2", "END-8"),
@@ -54,7 +54,7 @@ class PrescriberPhases(_Guarded):
     ACTUATING = Phase_()
 
     open = STANDALONE.to(ADVERTISING, cond="ADV_1")
-    choose = ADVERTISING.to(CHOOSING, cond="PRE_1")
+    choose = ADVERTISING.to(CHOOSING, cond="PRE_1 or ADV_9")
     prescribe = CHOOSING.to(PRESCRIBING, cond="PRE_2") | NEGOTIATING.to(PRESCRIBING, cond="NEG_7")
     acknowledged = PRESCRIBING.to(NEGOTIATING, cond="PRE_4")
     refused = NEGOTIATING.from_(PRESCRIBING, NEGOTIATING, cond="NEG_7")

@@ -1,4 +1,4 @@
-"""Prescribing: PRE-1 … PRE-5, and the next proposal of NEG-7."""
+"""Prescribing: ADV-9, PRE-1 … PRE-5, and the next proposal of NEG-7."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from automcm.core.outcome import (
     stale,
 )
 from automcm.core.state import NO_INTENTIONS, State
-from automcm_spec.vocabulary.application import Choose, NoParticipants, Prescribe, Proceed
+from automcm_spec.vocabulary.application import Choose, Close, NoParticipants, Prescribe, Proceed
 from automcm_spec.vocabulary.messages import Prescription, Reliable
 
 
@@ -27,8 +27,8 @@ def no_participants(me: Me, st: State, i: object) -> Outcome:
     return Outcome(leave(st)._replace(backoff=True), indication=NoParticipants(session=own(st)))
 
 
-def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
-    """PRE-1: ask the application to choose from the Intentions."""
+def window_closes(me: Me, st: State, i: Expiry | Close) -> Outcome:
+    """PRE-1, ADV-9: ask the application to choose from the Intentions."""
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
     chosen = moved(st, "choose")._replace(withdrawn=frozenset(), advertisement=None)
     return Outcome(chosen, indication=Choose(session=own(st), intentions=intentions))
@@ -37,6 +37,13 @@ def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
 WINDOW_ENDS: tuple[Row[Expiry], ...] = (
     Row("PRE-1", lambda me, st, i: not st.recorded, no_participants),
     Row("PRE-1", always, window_closes),
+)
+
+CLOSE: tuple[Row[Close], ...] = (
+    Row("CMD-1", lambda me, st, i: st.phase != "ADVERTISING", refuse),
+    Row("PRE-5", stale, refuse),
+    Row("ADV-9", lambda me, st, i: not st.recorded, refuse),
+    Row("ADV-9", always, window_closes),
 )
 
 

@@ -39,7 +39,7 @@ from automcm.core.outcome import (
     own,
 )
 from automcm.core.phases import require
-from automcm.core.prescribing import PRESCRIBE, PROCEED, WINDOW_ENDS
+from automcm.core.prescribing import CLOSE, PRESCRIBE, PROCEED, WINDOW_ENDS
 from automcm.core.state import State, Timer, key
 from automcm_spec.vocabulary.application import Fallback, Undecided
 from automcm_spec.vocabulary.messages import Reliable
@@ -114,6 +114,7 @@ MESSAGES: Rules = {
 
 COMMANDS: Rules = {
     "request": REQUEST,
+    "close": CLOSE,
     "prescribe": PRESCRIBE,
     "proceed": PROCEED,
     "accept": ACCEPT,

@@ -101,7 +101,7 @@ class Coordinated:
         return Kinematics(
             x_mm=round(1000 * x),
             y_mm=round(1000 * y),
-            heading_mrad=round(1000 * heading),
+            heading_mrad=round(1000 * (heading + v.slip)),
             speed_mm_s=round(1000 * v.speed),
             length_mm=round(1000 * v.length),
             width_mm=round(1000 * v.width),
@@ -381,6 +381,8 @@ class LaneChange(Coordinated):
             )
         except TrajectoryError as error:
             reasons = (str(error),)
+        if self.vehicle.changing or self._begins_ms is not None:
+            reasons = ("it changes lanes itself", *reasons)
         if reasons:
             self._note(f"refuses: {', '.join(reasons)}")
             self.service.command(proposal.refuse())

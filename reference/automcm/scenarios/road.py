@@ -107,6 +107,8 @@ class Vehicle:
     target_lane: int = 0
     offset_s: float = 0.0
     """By how much the clock of its station, on which ``now`` and trajectories are, is ahead."""
+    slip: float = 0.0
+    """By how much its heading is to the left of the road's, rad."""
     _moved_from: int = 0
     _moving_since: float | None = None
     _profile: Trajectory | None = None

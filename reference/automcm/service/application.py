@@ -8,7 +8,7 @@ layer).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -67,6 +67,16 @@ class Heard:
     def bound_elsewhere(self, session: Session | None) -> bool:
         """Whether its marks name another session: ADV-4 then keeps it from answering."""
         return any(mark != session for mark in self.marks)
+
+
+CloseWindow = Callable[[Set[int], Sequence[Heard]], bool]
+"""May the window close now (ADV-9)?  Its arguments: the stations that have answered, of which at
+least one has not withdrawn, and those heard lately (``Surroundings.heard``)."""
+
+
+def all_answered(answered: Set[int], heard: Sequence[Heard]) -> bool:
+    """ADV-9.4: has every known neighbour answered?  False if no neighbour is known."""
+    return bool(heard) and all(each.station_id in answered for each in heard)
 
 
 @dataclass(frozen=True, slots=True)

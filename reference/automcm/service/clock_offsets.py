@@ -6,7 +6,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from logging import getLogger
 
-from automcm.links.clock_bounds import Bounds, bounds, in_step
+from automcm.links.clock_bounds import WINDOW_MS, Bounds, bounds, in_step
 from automcm_spec.vocabulary.parameters import Known, longest_delay
 
 CAMS = 32
@@ -29,16 +29,27 @@ class ClockOffsets:
         self._delay_ms, self._drift = longest_delay(p), p["clock_drift"]
         self._out_of_step = out_of_step
         self._cams: OrderedDict[int, deque[tuple[int, int]]] = OrderedDict()
+        self._off_ms: dict[int, int] = {}
+        """When each of these stations last sent a CAM that alone leaves it in doubt."""
         self.reported: set[int] = set()
         """At most ``most`` stations that were out of step."""
 
     def heard(self, station_id: int, generated_ms: int, now_ms: int) -> bool:
         """Note a CAM received now.  Returns whether the clock of its sender may be in step."""
-        cams = self._cams.setdefault(station_id, deque(maxlen=CAMS))
+        cams = self._cams.get(station_id)
+        if cams is None:
+            cams = self._cams[station_id] = deque(maxlen=CAMS)
+            if len(self._cams) > self._most:
+                gone, _ = self._cams.popitem(last=False)
+                self._off_ms.pop(gone, None)
         self._cams.move_to_end(station_id)
-        if len(self._cams) > self._most:
-            self._cams.popitem(last=False)
         cams.append((generated_ms, now_ms))
+        # If each CAM of the window alone is in step, so are their common bounds.
+        ahead = generated_ms - now_ms
+        if not in_step((ahead, ahead + self._delay_ms)):
+            self._off_ms[station_id] = now_ms
+        elif now_ms - self._off_ms.get(station_id, -WINDOW_MS - 1) > WINDOW_MS:
+            return True
         found = bounds(cams, now_ms, self._delay_ms, self._drift)
         if in_step(found):
             return True

@@ -29,6 +29,7 @@ from automcm.service.application import (
     AgreedManeuver,
     Application,
     Choice,
+    CloseWindow,
     Heard,
     Proposal,
 )
@@ -39,6 +40,7 @@ from automcm_spec.vocabulary.application import (
     Accept,
     Accepted,
     Choose,
+    Close,
     Command,
     Discarded,
     Fallback,
@@ -88,8 +90,10 @@ class McService:
 
     ``number`` is the last session number used before, and ``keep_number`` is called with each new
     one before it is sent (END-8).  After a restart of the process, call ``restart``.  ``seed`` is
-    the seed of the back-off (END-7) and of the offset of the first CAM.  Other ``rules`` and
-    ``marks`` (of a CAM, ACT-5) are for experiments that disable a rule.
+    the seed of the back-off (END-7) and of the offset of the first CAM.  ``close_window``, such
+    as ``all_answered``, is asked after each answer and CAM whether the window may close (ADV-9).
+    None: it lasts ``t_advertise``, as in the paper.  Other ``rules`` and ``marks`` (of a CAM,
+    ACT-5) are for experiments that disable a rule.
 
     An exception in the application, an observer or ``keep_number`` is raised to the caller (the
     event loop, the simulation) after all other work is done, so that it ends no session.  While
@@ -113,6 +117,7 @@ class McService:
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
         out_of_step: OutOfStep = lambda station_id, bounds: None,
+        close_window: CloseWindow | None = None,
     ) -> None:
         self.station = Station(
             station_id,
@@ -130,6 +135,8 @@ class McService:
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
         self._marks = marks
+        self._close_window = close_window
+        self._in_time_ms = longest_delay(self.parameters.known)
         self._number = number
         self._time = 0
         self._sent = 0
@@ -313,7 +320,7 @@ class McService:
         late = now - max(due, self._awake)  # report one delay once
         self._awake = now
         self.statistics.latest_ms = max(self.statistics.latest_ms, late)
-        if late > longest_delay(self.parameters.known):
+        if late > self._in_time_ms:
             self._late_ms = max(self._late_ms, late)
 
     def _on_time(self) -> None:
@@ -433,12 +440,34 @@ class McService:
             )
         for indication in effect.indications:
             self._indicate(indication, effect)
+        answers_or_is_heard = ("ADV-5", "END-2", "ACT-5")
+        if effect.rule in answers_or_is_heard and self._may_close(self.state):
+            self._do(self._close_now)
+
+    def _may_close(self, st: State) -> bool:
+        """ADV-9: while advertising, ask ``close_window`` once somebody has answered."""
+        if self._close_window is None or st.phase != "ADVERTISING" or not st.recorded:
+            return False
+        return self._close_window(st.recorded.keys() | st.withdrawn, self.heard())
+
+    def _close_now(self) -> None:
+        now = self.now()
+        self._take(self.station.advance(now))  # the window may have ended meanwhile
+        st = self.state
+        if st.session is not None and self._may_close(st):
+            self._take(self.station.command(Close(session=st.session), now))
 
     def _hear(self, cam: Cam, now_ms: int) -> None:
         in_step = self._offsets.heard(cam.src, cam.generation_ms, now_ms)
         self.statistics.out_of_step = len(self._offsets.reported)
+        self.neighbours[cam.src] = self._heard(cam, now_ms, in_step)
+        self.neighbours.move_to_end(cam.src)
+        if len(self.neighbours) > NEIGHBOURS:
+            self.neighbours.popitem(last=False)
+
+    def _heard(self, cam: Cam, now_ms: int, in_step: bool) -> Heard:
         length_mm, width_mm = cam.extent_mm
-        self.neighbours[cam.src] = Heard(
+        return Heard(
             station_id=cam.src,
             received_ms=now_ms,
             x_mm=cam.x_mm,
@@ -451,9 +480,6 @@ class McService:
             sigma_mm=cam.sigma_mm,
             in_step=in_step,
         )
-        self.neighbours.move_to_end(cam.src)
-        if len(self.neighbours) > NEIGHBOURS:
-            self.neighbours.popitem(last=False)
 
     def _in_step(self, station_id: int) -> bool:
         """APP-6; without a CAM lately, nothing is known of its clock."""

@@ -26,7 +26,7 @@ from automcm.links.clock import SLEW, AsyncioClock
 from automcm.links.link import Link, LinkError
 from automcm.links.udp_link import UdpLink
 from automcm.service import event_log
-from automcm.service.application import Application
+from automcm.service.application import Application, CloseWindow
 from automcm.service.datagram_log import Both
 from automcm.service.line_output import LineOutput, create
 from automcm.service.service import McService
@@ -113,6 +113,8 @@ class StationProcess:
     """How long to listen for another station with the same id before the start, in ms; a CAM comes
     at least every 1000 ms."""
     for_ms: int | None = None
+    close_window: CloseWindow | None = None
+    """As in ``McService`` (ADV-9)."""
     zero: float | None = None
     """The time of the host's monotonic clock, in s, that counts as 0 ms, instead of UNIX time."""
     keys: StationKeys | None = None
@@ -151,6 +153,7 @@ class StationProcess:
                 codec=self.codec,
                 observers=(self._observe,),
                 out_of_step=self._out_of_step,
+                close_window=self.close_window,
             )
             self._service = service
             udp.unread = partial(self._unread, udp)

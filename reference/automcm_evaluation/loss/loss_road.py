@@ -8,6 +8,7 @@ from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import SimulatedDrive, arrival_s
 from automcm.scenarios.lane_change import PaperLaneChange, Plan
 from automcm.scenarios.road import Late, Vehicle
+from automcm.scenarios.simulation import Simulation
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -28,12 +29,20 @@ class Insists(PaperLaneChange):
             self.vehicle.change_lane(lane, driving)
 
 
-def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Values:
+def drive(
+    values: Values,
+    seed: int,
+    *,
+    beside_m: float,
+    signal_m: float,
+    simulation: Simulation | None = None,
+) -> Values:
     """One drive: ``arrival_s`` of the receiver since the signal, whether they ``agreed``, whether
     the prescriber ``completed`` (changed lanes as agreed and sent its Fin), and whether the
     receiver ``stopped``.
 
-    Raises ExperimentError if the receiver does not arrive.
+    A given ``simulation`` determines the loss.  Raises ExperimentError if the receiver does not
+    arrive.
     """
     speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
     prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
@@ -41,7 +50,8 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
     driven = SimulatedDrive(
         [prescriber, receiver],
         seed=seed,
-        channel=Channel(loss=values["loss"] / 100, burst_ms=values.get("burst_ms", 0)),
+        channel=Channel(loss=values.get("loss", 0) / 100, burst_ms=values.get("burst_ms", 0)),
+        simulation=simulation,
         parameters=Parameters(t_timeout=t_timeout),
     )
     signal_ms = round(signal_m / speed * 1000)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 
 from automcm.core.state import State
@@ -11,6 +12,8 @@ from automcm.core.station import Effects
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
+from automcm.service.application import CloseWindow
+from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Values
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -30,9 +33,15 @@ class Outcome:
     """The number of messages without CAMs."""
 
 
-def session(t_timeout: int, channel: Channel, seed: int) -> Outcome:
-    """One session of a prescriber and an accepting receiver, from the request on."""
-    simulation = Simulation(seed=seed, channel=channel)
+def session(
+    t_timeout: int, channel: Channel, seed: int, close_window: CloseWindow | None = None
+) -> Outcome:
+    """One session of a prescriber and an accepting receiver, from the request on.
+
+    ``close_window`` is as in ``McService``; the paper's window has a fixed length.
+    """
+    service = partial(McService, close_window=close_window)
+    simulation = Simulation(seed=seed, channel=channel, service=service)
     parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
     ends: list[tuple[str, int]] = []
 

@@ -123,7 +123,7 @@ def summary(cells: Sequence[Cell]) -> Values:
             name: knees([(x / 10, model(x / 1000, t)) for x in range(1001)])
             for name, model in MODELS.items()
         }
-        road = [_classes(loss, some) for loss, some in by_loss(_of(own, "road"))]
+        road = [classes(loss, some) for loss, some in by_loss(_of(own, "road"))]
         found["road"][str(t)] = road
         found["knees"][str(t)]["completed"] = knees(
             [(row["loss"], row["completed"] / row["trials"]) for row in road]
@@ -136,7 +136,7 @@ def summary(cells: Sequence[Cell]) -> Values:
             found["bursts"][str(ms)][str(t)] = [
                 {"loss": loss} | share(one) for loss, one in by_loss(_of(own, "bursts"))
             ]
-            found["road_bursts"][str(ms)][str(t)] = _classes(ROBUST, _of(own, "road bursts"))
+            found["road_bursts"][str(ms)][str(t)] = classes(ROBUST, _of(own, "road bursts"))
     found["deviation"] = _deviation(found["points"])
     found["cost"] = _cost(_of(cells, "cost"))
     found["smallest"] = _smallest(found["cost"])
@@ -165,7 +165,7 @@ def _deviation(points: Values) -> Values:
     return found
 
 
-def _classes(loss: int, cells: Sequence[Cell]) -> Values:
+def classes(loss: int, cells: Sequence[Cell]) -> Values:
     """The number of drives by their class of Fig. 9."""
     times = [t for cell in cells for t in cell.result["arrival_s"]]
     limits = [-math.inf, *CLASSES_S, math.inf]

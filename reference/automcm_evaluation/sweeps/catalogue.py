@@ -6,7 +6,7 @@ from importlib import import_module
 
 from automcm_evaluation.framework.experiment import Experiment, ExperimentError
 
-NAMES = ("bandwidth", "arrival", "comfort", "loss", "safety")
+NAMES = ("bandwidth", "arrival", "comfort", "loss", "safety", "radio")
 
 
 def experiment(name: str) -> Experiment:

@@ -11,7 +11,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automcm_spec.compilation import sany
@@ -55,6 +55,8 @@ class Plan:
     arguments: Sequence[str] = ()
     """Operators without parameters that become constructor arguments, with their value as
     default."""
+    substitutions: Mapping[str, str] = field(default_factory=dict)
+    """Operators that another one replaces, as ``X <- Y`` in a cfg."""
 
 
 PLAN = Plan(
@@ -138,7 +140,11 @@ from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm, no_arm
 class _Writer:
     def __init__(self, plan: Plan, spec: Specification, tla: Path) -> None:
         self.plan = plan
-        self.spec = spec
+        instead = {
+            old: replace(spec.operators[new], name=old, at=spec.operators[old].at)
+            for old, new in plan.substitutions.items()
+        }
+        self.spec = spec = replace(spec, operators=spec.operators | instead)
         self.types = Types(spec, plan.constants, plan.classes)
         self.types.infer(plan.roots)
         self.modules = list(dict.fromkeys(o.at.module for o in self._operators()))

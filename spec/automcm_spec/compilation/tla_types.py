@@ -62,6 +62,8 @@ class Rec:
 
 Type: TypeAlias = Basic | Str | SetOf | Tup | Alt | Rec
 INT, BOOL, NEVER = Basic("int"), Basic("bool"), Basic("Never")
+ID, NUMBER, LITERAL = Basic("id"), Basic("number"), Basic("literal")
+"""Kinds of integers that data_independence distinguishes; a literal may be of any kind."""
 
 
 class IncomparableTypes(Exception):
@@ -72,6 +74,8 @@ def join(a: Type, b: Type) -> Type:
     """The common type of values of either type. Raises IncomparableTypes."""
     if NEVER in (a, b):
         return b if a == NEVER else a
+    if LITERAL in (a, b) and {a, b} <= {INT, ID, NUMBER, LITERAL}:
+        return b if a == LITERAL else a
     match a, b:
         case Str(x), Str(y):
             return Str(x | y)
@@ -168,8 +172,9 @@ class Types:
     def infer(self, roots: Mapping[str, Sequence[str]]) -> None:
         """Infer the types of all expressions that these operators need.
 
-        The types of their parameters are given: ``int``; an operator, for the type of its value;
-        ``*`` and an operator, for the type of the elements of its value. Raises Refused.
+        The types of their parameters are given: ``int``; an operator without parameters, or an
+        earlier root, for the type of its value; ``*`` and an operator, for the type of the elements
+        of its value. Raises Refused.
         """
         before = None
         while before != (now := {name: dict(c.fields) for name, c in self.classes.items()}):
@@ -188,7 +193,10 @@ class Types:
     def _given(self, text: str) -> Type:
         if text == "int":
             return INT
-        found = self._apply(self._operator(text.removeprefix("*")), [])
+        operator = self._operator(text.removeprefix("*"))
+        if operator.params and operator.name in self.signatures:
+            return self.signatures[operator.name].result
+        found = self._apply(operator, [])
         if not text.startswith("*"):
             return found
         assert isinstance(found, SetOf)

@@ -37,6 +37,8 @@ PROPERTIES = {
     "N-1": "N1Prop",
     "N-2": "N2Prop",
     "N-3": "N3Prop",
+    "I-1": "Inv",
+    "P-1": "ProjectionProp",
     "L-1": "EndsProp",
     "L-2": "CompletesProp",
     "L-3": "SilenceProp",
@@ -62,7 +64,7 @@ SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 ALONE = ("Independence", "OpenStation", "ProbeStation", "StationProperties")
 
 #: The modules with an attacker, who sends forged messages.
-ATTACKED = ("Attacker", "TimedAttacker", "AttackedLiveness")
+ATTACKED = ("Attacker", "TimedAttacker", "AttackedLiveness", "Projection")
 
 #: The id of a property by its name in the modules, or by the name of its timed version or of the
 #: one among the stations whose keys an attacker does not have.

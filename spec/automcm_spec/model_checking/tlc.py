@@ -25,10 +25,13 @@ INITIAL = "Initial predicate"
 class TlcError(Exception):
     """TLC gave no verdict. module and line locate the error, if TLC reported them.
 
-    partial is the progress of TLC, if it had begun.
+    partial is the progress of TLC, if it had begun. If TLC could not evaluate an expression, state
+    is the text of the state, and nested lists the places of the expressions; each may be missing.
     """
 
     partial: "Progress | None" = None
+    state: str | None = None
+    nested: str = ""
 
     def __init__(
         self, kind: ErrorKind, message: str, module: str | None = None, line: int | None = None
@@ -173,6 +176,7 @@ def run(
             return reader.result(cfg, code, complaint, time.monotonic() - started)
         except TlcError as error:
             error.partial = reader.progress
+            error.state = reader.last_state
             raise
 
 
@@ -320,6 +324,7 @@ class _Reader:
         self._loop: int | None = None
         self._states = self._distinct = self._depth = 0
         self.progress: Progress | None = None
+        self.last_state: str | None = None
 
     def read(self, lines: Iterable[str]) -> None:
         for raw in lines:
@@ -360,6 +365,8 @@ class _Reader:
                 self._trace = [TraceState(1, INITIAL, None, _parse_state(state))]
         elif code == _STATE and self._violation:
             self._state(block)
+        elif code == _STATE:
+            self.last_state = block.text
         elif code == _STUTTERING:
             self._loop = len(self._trace)
         elif code == _BACK_TO_STATE:
@@ -487,4 +494,6 @@ def _tlc_error(errors: list[_Block], cfg: Path) -> TlcError:
     nested = [b for b in errors if b.code == _NESTED]
     # Of the nested expressions, the last is the innermost.
     module, line = _place("\n".join(reversed((nested[0] if nested else first).lines)))
-    return TlcError(kind, _where(module, line) + text, module, line)
+    error = TlcError(kind, _where(module, line) + text, module, line)
+    error.nested = nested[0].text if nested else ""
+    return error

@@ -14,11 +14,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 _LAUNCHER = Path(__file__).with_name("launcher.py")
 _LINUX = sys.platform == "linux"
+MARK = "AUTOMCM_STATION"
+"""The environment variable of ``marked``."""
 
 
 def ending_with_parent(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
@@ -62,6 +65,35 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
         with process:
             raise OSError(int(failure), os.strerror(int(failure)), name)
     return process
+
+
+def marked(name: str) -> dict[str, str]:
+    """An environment that marks a command and all its descendants, for ``descendants``."""
+    return {**os.environ, MARK: name}
+
+
+def descendants(process: int, name: str) -> set[int]:
+    """The ids of the processes outside the group of ``process``, which must not be reaped yet,
+    that descend from it or carry its mark: those that called setsid, also if their parent has
+    ended. Only on Linux; elsewhere empty."""
+    wanted, parents = f"{MARK}={name}".encode(), dict[int, int]()
+    group = {process, os.getpid()}
+    found = set[int]()
+    for folder in Path("/proc").glob("[0-9]*") if _LINUX else ():
+        number = int(folder.name)
+        with suppress(OSError, ValueError, IndexError):  # it has ended, or is another user's
+            stat = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()
+            if stat[0] == "Z":
+                continue
+            parents[number] = int(stat[1])
+            if int(stat[2]) == process:
+                group.add(number)
+            if wanted in (folder / "environ").read_bytes().split(b"\0"):
+                found.add(number)
+    family = {process}
+    while more := {child for child, parent in parents.items() if parent in family} - family:
+        family |= more
+    return (found | family) - group
 
 
 def end_with_parent() -> None:

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 
 _PACKAGES = {
     "kit": ("typer", "rich", "jinja2", "junitparser"),
+    "radio": ("ns",),
     "secure": ("cbor2", "cryptography"),
 }
 

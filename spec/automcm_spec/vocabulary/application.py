@@ -52,6 +52,13 @@ class Request(_Command):
     planned: Trajectory | None = None
 
 
+class Close(_Command):
+    """Close the advertising window before its time (ADV-9)."""
+
+    name: Literal["close"] = "close"
+    session: Session
+
+
 class Prescribe(_Command):
     """Prescribe to the chosen target (PRE-2), or send it the next proposal (NEG-7)."""
 
@@ -102,7 +109,7 @@ class Abort(_Command):
     session: Session
 
 
-Command = Request | Prescribe | Proceed | Accept | Refuse | Complete | Abort
+Command = Request | Close | Prescribe | Proceed | Accept | Refuse | Complete | Abort
 COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="name")])
 
 

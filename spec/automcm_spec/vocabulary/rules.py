@@ -18,6 +18,7 @@ RULES: dict[str, str] = {
     "ADV-6": "Ack, give-up or a Prescription ends the retransmission of the Intention",
     "ADV-7": "waiting ends by the hold timer at the latest",
     "ADV-8": "a station never rejoins a session, and remembers long enough",
+    "ADV-9": "the application may close the window early, once somebody has answered",
     "PRE-1": "the window closes: the application chooses, or nobody has answered",
     "PRE-2": "the Prescription goes to the target, a Cancel to every other recorded station",
     "PRE-3": "proceeding alone cancels everybody recorded",

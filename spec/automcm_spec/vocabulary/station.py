@@ -110,7 +110,7 @@ class Effect(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Station.tla:528."""
+    """Station.tla:539."""
 
     st: State
     out: frozenset[Message]
@@ -445,63 +445,71 @@ class Station:
             and (m.of == (e.type, e.seq))
         )
 
-    def newer_than_joined(self, st: State, s: Session) -> bool:
+    def within_rounds(self, k: int) -> bool:
         """Station.tla:194."""
+        return k <= self.max_rounds
+
+    def may_close(self, st: State) -> bool:
+        """Station.tla:195."""
+        return bool(st.recorded)
+
+    def newer_than_joined(self, st: State, s: Session) -> bool:
+        """Station.tla:196."""
         return not any(j[0] == s[0] and j[1] >= s[1] for j in st.joined)
 
     def quarantined(self, st: State) -> bool:
-        """Station.tla:196."""
+        """Station.tla:198."""
         return st.quarantine
 
     def may_request(self, st: State) -> bool:
-        """Station.tla:197."""
+        """Station.tla:199."""
         return not st.quarantine
 
     def next_target(self, st: State, p: int) -> bool:
-        """Station.tla:198."""
+        """Station.tla:200."""
         return p == st.target
 
     def marked(self, st: State, marks: frozenset[Session]) -> bool:
-        """Station.tla:199."""
+        """Station.tla:201."""
         return st.session in marks
 
     def next_proposal(self, k: int) -> int:
-        """Station.tla:200."""
+        """Station.tla:202."""
         return k + 1
 
     def round_left(self, st: State) -> bool:
-        """Station.tla:201."""
+        """Station.tla:203."""
         return st.proposal < self.max_rounds
 
     def ack_copy(self, me: int, m: Message) -> frozenset[Message]:
-        """Station.tla:202."""
+        """Station.tla:204."""
         return frozenset({self.ack(me, m)})
 
     @cached_property
     def reserve(self) -> int:
-        """Station.tla:206."""
+        """Station.tla:208."""
         return 1 + (
             self.max_rounds if self.max_rounds > self.max_participants else self.max_participants
         )
 
     def room(self, st: State) -> bool:
-        """Station.tla:208."""
+        """Station.tla:210."""
         return len(st.outbox) + self.reserve <= self.outbox_limit
 
     def room_to_record(self, st: State) -> bool:
-        """Station.tla:209."""
+        """Station.tla:211."""
         return len(st.recorded | st.withdrawn) < self.max_participants
 
     def room_to_remember(self, st: State, p: int) -> bool:
-        """Station.tla:211."""
+        """Station.tla:213."""
         return any(j[0] == p for j in st.joined) or len(st.joined) < self.memory_limit
 
     def in_(self, st: State, s: Session) -> bool:
-        """Station.tla:215."""
+        """Station.tla:217."""
         return self.bound(st) and self.same_session(st.session, s)
 
     def on_request(self, me: int, st: State) -> Effect:
-        """Station.tla:220."""
+        """Station.tla:222."""
         if self.bound(st):
             return self.refuse(st, "ADV-1")
         if not self.may_request(st):
@@ -519,13 +527,13 @@ class Station:
         )
 
     def on_resend_advertisement(self, me: int, st: State) -> Effect:
-        """Station.tla:230."""
+        """Station.tla:232."""
         return self.effect(
             st, frozenset({self.advertisement(me, st.session)}), self.nothing, "ADV-2"
         )
 
     def on_advertisement(self, me: int, st: State, m: Message, concerned: bool) -> Effect:
-        """Station.tla:233."""
+        """Station.tla:235."""
         if self.bound(st):
             return self.ignore(st, "ADV-4")
         if self.quarantined(st):
@@ -546,7 +554,7 @@ class Station:
         return self.effect(self.post(j, frozenset({i})), frozenset({i}), self.nothing, "ADV-3")
 
     def answer_closed(self, me: int, st: State, m: Message, rule: str) -> Effect:
-        """Station.tla:248."""
+        """Station.tla:250."""
         mine = frozenset(
             {
                 e
@@ -564,7 +572,7 @@ class Station:
         )
 
     def on_intention(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:254."""
+        """Station.tla:256."""
         if not self.in_(st, m.session):
             return self.answer_closed(me, st, m, "ADV-5")
         if st.phase == "ADVERTISING":
@@ -584,31 +592,41 @@ class Station:
         return self.answer_closed(me, st, m, "ADV-5")
 
     def on_hold(self, me: int, st: State) -> Effect:
-        """Station.tla:266."""
+        """Station.tla:268."""
         return self.effect(self.leave(st), EMPTY, ("fallback", "timeout"), "ADV-7")
 
     def on_forget(self, st: State, p: int) -> Effect:
-        """Station.tla:269."""
+        """Station.tla:271."""
         return self.ignore(
             st._replace(joined=frozenset({j for j in st.joined if j[0] != p})), "ADV-8"
         )
 
     def no_participants(self, st: State, out: frozenset[Message]) -> Effect:
-        """Station.tla:275."""
+        """Station.tla:277."""
         return self.effect(
             self.leave(st)._replace(backoff=True), out, ("no_participants",), "PRE-1"
         )
 
     def on_advertise_end(self, me: int, st: State) -> Effect:
-        """Station.tla:279."""
+        """Station.tla:281."""
         if not st.recorded:
             return self.no_participants(st, EMPTY)
         return self.effect(
             st._replace(phase="CHOOSING", withdrawn=EMPTY), EMPTY, ("choose",), "PRE-1"
         )
 
+    def on_close(self, me: int, st: State, c: Command) -> Effect:
+        """Station.tla:287."""
+        if st.phase != "ADVERTISING":
+            return self.refuse(st, "CMD-1")
+        if c.session != st.session:
+            return self.refuse(st, "PRE-5")
+        if not self.may_close(st):
+            return self.refuse(st, "ADV-9")
+        return self.on_advertise_end(me, st)._replace(rule="ADV-9")
+
     def prescribe(self, me: int, st: State, to: int, k: int, rule: str) -> Effect:
-        """Station.tla:285."""
+        """Station.tla:294."""
         ms = frozenset({self.prescription(me, to, st.session, k)}) | self.cancels(
             me, st, st.recorded - frozenset({to}), "not_selected"
         )
@@ -625,7 +643,7 @@ class Station:
         )
 
     def on_prescribe(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:293."""
+        """Station.tla:302."""
         if not (st.phase == "CHOOSING" or st.deciding):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != self.next_proposal(st.proposal):
@@ -639,7 +657,7 @@ class Station:
         return self.refuse(st, "NEG-7")
 
     def on_proceed(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:304."""
+        """Station.tla:313."""
         if st.phase != "CHOOSING":
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -649,13 +667,13 @@ class Station:
         )
 
     def on_foreign_prescription(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:313."""
+        """Station.tla:322."""
         if self.bound(st):
             return self.answer(st, self.refusal_answer(me, m, "busy"), "NEG-4")
         return self.answer(st, self.refusal_answer(me, m, "unknown_session"), "NEG-5")
 
     def on_prescription(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:317."""
+        """Station.tla:326."""
         if not self.in_(st, m.session):
             return self.on_foreign_prescription(me, st, m)
         if self.older_or_same(m.proposal, st.proposal):
@@ -674,7 +692,7 @@ class Station:
         return self.discard(st, "END-5")
 
     def on_accept(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:327."""
+        """Station.tla:336."""
         if not (st.phase == "NEGOTIATING" and st.role == "receiver"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != st.proposal:
@@ -688,14 +706,14 @@ class Station:
         )
 
     def refuse_proposal(self, me: int, st: State, why: str, told: tuple[str]) -> Effect:
-        """Station.tla:336."""
+        """Station.tla:345."""
         m = self.refusal(me, st.session, st.proposal, why)
         return self.effect(
             self.post(st._replace(phase="WAITING"), frozenset({m})), frozenset({m}), told, "NEG-3"
         )
 
     def on_refuse(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:340."""
+        """Station.tla:349."""
         if not (st.phase == "NEGOTIATING" and st.role == "receiver"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != st.proposal:
@@ -703,15 +721,15 @@ class Station:
         return self.refuse_proposal(me, st, "unsafe", self.nothing)
 
     def awaits_answer(self, st: State) -> bool:
-        """Station.tla:348."""
+        """Station.tla:357."""
         return st.phase == "PRESCRIBING" or (st.phase == "NEGOTIATING" and (not st.deciding))
 
     def ack_if_reliable(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:353."""
+        """Station.tla:362."""
         return self.effect(st, self.ack_copy(me, m) if m.seq != 0 else EMPTY, self.nothing, "NEG-6")
 
     def on_acceptance(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:356."""
+        """Station.tla:365."""
         if not self.in_(st, m.session):
             if m.accepted:
                 return self.answer_closed(me, st, m, "NEG-6")
@@ -736,7 +754,7 @@ class Station:
         return r._replace(out=r.out | acks)
 
     def on_cam(self, me: int, st: State, i: Cam) -> Effect:
-        """Station.tla:381."""
+        """Station.tla:390."""
         if (
             st.phase == "ACTUATING"
             and self.of_peer(st, i.src)
@@ -749,11 +767,11 @@ class Station:
         return self.ignore(st, "ACT-5")
 
     def on_cam_loss(self, me: int, st: State) -> Effect:
-        """Station.tla:388."""
+        """Station.tla:397."""
         return self.cancel_peer(me, st, "cam_loss", "ACT-2")
 
     def on_complete(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:390."""
+        """Station.tla:399."""
         if not (st.phase == "ACTUATING" and st.role == "prescriber"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -763,13 +781,13 @@ class Station:
         )
 
     def on_fin(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:396."""
+        """Station.tla:405."""
         if self.in_(st, m.session) and st.role == "receiver" and self.of_peer(st, m.src):
             return self.effect(self.leave(st), frozenset({self.ack(me, m)}), ("finished",), "ACT-3")
         return self.effect(st, self.ack_copy(me, m), self.nothing, "END-3")
 
     def on_abort(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:404."""
+        """Station.tla:413."""
         if not self.bound(st):
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -779,7 +797,7 @@ class Station:
         )
 
     def on_cancel(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:409."""
+        """Station.tla:418."""
         if not self.in_(st, m.session):
             return self.effect(
                 st, self.ack_copy(me, m) if m.seq != 0 else EMPTY, self.nothing, "END-3"
@@ -815,7 +833,7 @@ class Station:
         return self.effect(st, acks, self.nothing, "END-3")
 
     def on_ack(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:426."""
+        """Station.tla:435."""
         acked = frozenset({e for e in st.outbox if self.ack_matches(e, m)})
         if not acked:
             return self.ignore(st, "END-6")
@@ -833,23 +851,24 @@ class Station:
         return self.ignore(rest, "END-6")
 
     def on_restart(self, me: int, st: State) -> Effect:
-        """Station.tla:439."""
+        """Station.tla:448."""
         return self.ignore(
             self.initial._replace(number=st.number, quarantine=True), "END-8"
         )._replace(again=frozenset({self.timer("quarantine")}))
 
     def breaks_protocol(self, me: int, m: Message) -> bool:
-        """Station.tla:444."""
+        """Station.tla:453."""
         return (
             m.src == me
             or (m.dst == self.broadcast) != (m.type == "Advertisement")
             or (m.type in {"Advertisement", "Prescription"} and m.src != m.session[0])
+            or (m.type == "Prescription" and (not self.within_rounds(m.proposal)))
             or (m.type in {"Intention", "Acceptance"} and m.session[0] != me)
             or (m.type == "Cancel" and m.reason == "closed" and (m.src != m.session[0]))
         )
 
     def on_message(self, me: int, st: State, m: Message, concerned: bool) -> Effect:
-        """Station.tla:451."""
+        """Station.tla:461."""
         if m.dst not in {me, self.broadcast}:
             return self.ignore(st, "MSG-1")
         if self.breaks_protocol(me, m):
@@ -868,12 +887,14 @@ class Station:
             return self.on_cancel(me, st, m)
         if m.type == "Ack":
             return self.on_ack(me, st, m)
-        raise NoArm("Station.tla:454")
+        raise NoArm("Station.tla:464")
 
     def on_command(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:462."""
+        """Station.tla:472."""
         if c.name == "request":
             return self.on_request(me, st)
+        if c.name == "close":
+            return self.on_close(me, st, c)
         if c.name == "prescribe":
             return self.on_prescribe(me, st, c)
         if c.name == "proceed":
@@ -886,10 +907,10 @@ class Station:
             return self.on_complete(me, st, c)
         if c.name == "abort":
             return self.on_abort(me, st, c)
-        raise NoArm("Station.tla:463")
+        raise NoArm("Station.tla:473")
 
     def on_decide(self, me: int, st: State) -> Effect:
-        """Station.tla:474."""
+        """Station.tla:485."""
         if st.role == "receiver":
             return self.refuse_proposal(me, st, "undecided", ("undecided",))
         return self.leave_with(
@@ -897,13 +918,13 @@ class Station:
         )
 
     def on_resend(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:480."""
+        """Station.tla:491."""
         if e.type == "Advertisement":
             return self.on_resend_advertisement(me, st)
         return self.effect(st, frozenset({self.copy(me, e)}), self.nothing, "REL-1")
 
     def give_up_entry(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:484."""
+        """Station.tla:495."""
         if e.type == "Intention":
             return self.ignore(self.drop(st, e)._replace(phase="WAITING"), "ADV-6")
         if e.type == "Prescription":
@@ -913,11 +934,11 @@ class Station:
         return self.ignore(self.drop(st, e), "REL-1")
 
     def on_give_up(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:491."""
+        """Station.tla:502."""
         return self.give_up_entry(me, st, e)
 
     def on_expiry(self, me: int, st: State, t: Timer) -> Effect:
-        """Station.tla:493."""
+        """Station.tla:504."""
         if t[0] == "advertise":
             return self.on_advertise_end(me, st)
         if t[0] == "resend":
@@ -940,10 +961,10 @@ class Station:
             return self.ignore(st._replace(backoff=False), "END-7")
         if t[0] == "forget":
             return self.on_forget(st, t[1])
-        raise NoArm("Station.tla:494")
+        raise NoArm("Station.tla:505")
 
     def decide(self, me: int, st: State, i: Input) -> Effect:
-        """Station.tla:515."""
+        """Station.tla:526."""
         if i.kind == "receive":
             return self.on_message(me, st, i.message, i.concerned)
         if i.kind == "cam":
@@ -954,16 +975,16 @@ class Station:
             return self.on_expiry(me, st, i.timer)
         if i.kind == "restart":
             return self.on_restart(me, st)
-        raise NoArm("Station.tla:516")
+        raise NoArm("Station.tla:527")
 
     def expired(self, i: Input) -> frozenset[Timer]:
-        """Station.tla:522."""
+        """Station.tla:533."""
         if i.kind == "expire":
             return frozenset({i.timer})
         return EMPTY
 
     def step(self, me: int, st: State, i: Input) -> Outcome:
-        """Station.tla:524."""
+        """Station.tla:535."""
         r = self.decide(me, st, i)
         before = self.armed(me, st)
         after = self.armed(me, r.st)
@@ -977,13 +998,13 @@ class Station:
         )
 
     def marks(self, st: State) -> frozenset[Session]:
-        """Station.tla:533."""
+        """Station.tla:544."""
         return (frozenset({st.session}) if self.bound(st) else EMPTY) | frozenset(
             {e.session for e in (x for x in st.outbox if x.type == "Fin")}
         )
 
     def station_type_inv(self, me: int, st: State) -> bool:
-        """Station.tla:546."""
+        """Station.tla:557."""
         return (
             st.phase in self.phases
             and st.role in self.roles
@@ -1238,7 +1259,7 @@ class OpenStation(Station):
             | frozenset(
                 {
                     self.cmd(name, s, 0, self.nobody)
-                    for name in ("proceed", "complete", "abort")
+                    for name in ("close", "proceed", "complete", "abort")
                     for s in self.sessions
                 }
             )
@@ -1342,20 +1363,12 @@ class OpenStation(Station):
         )
 
     def offered(self, x: State, i: Input) -> bool:
-        """OpenStation.tla:142."""
+        """OpenStation.tla:141."""
         return (
             (not i.kind == "expire" or i.timer in self.armed(self.me, x))
             and (
                 not (i.kind == "expire" and i.timer[0] == "forget")
                 or all(e.session[0] != i.timer[1] for e in x.outbox)
-            )
-            and (
-                not (
-                    i.kind == "receive"
-                    and i.message.type == "Prescription"
-                    and (i.message.proposal == self.beyond)
-                )
-                or (x.session != i.message.session or x.phase in {"NEGOTIATING", "ACTUATING"})
             )
             and (
                 not (i.kind == "command" and i.name == "request")
@@ -1402,347 +1415,354 @@ CONDITIONS = (
     Condition("AckMatches", 191, "part", 15, "e.session = m.session"),
     Condition("AckMatches", 192, "part", 16, "m.of[2] # 0"),
     Condition("AckMatches", 193, "part", 17, "m.of = <<e.type, e.seq>>"),
+    Condition("WithinRounds", 194, "part", 8, "k <= MaxRounds"),
+    Condition("MayClose", 195, "part", 8, "st.recorded # {}"),
     Condition(
-        "NewerThanJoined", 195, "part", 14, "\\E j \\in st.joined : j[1] = s[1] /\\ j[2] >= s[2]"
+        "NewerThanJoined", 197, "part", 14, "\\E j \\in st.joined : j[1] = s[1] /\\ j[2] >= s[2]"
     ),
-    Condition("NewerThanJoined", 195, "part", 23, "j[1] = s[1]"),
-    Condition("NewerThanJoined", 195, "part", 24, "j[2] >= s[2]"),
-    Condition("Quarantined", 196, "part", 8, "st.quarantine"),
-    Condition("MayRequest", 197, "part", 12, "st.quarantine"),
-    Condition("NextTarget", 198, "part", 9, "p = st.target"),
-    Condition("Marked", 199, "part", 9, "st.session \\in marks"),
-    Condition("RoundLeft", 201, "part", 8, "st.proposal < MaxRounds"),
-    Condition("Reserve", 206, "part", 14, "MaxRounds > MaxParticipants"),
-    Condition("Room", 208, "part", 8, "Cardinality(st.outbox) + Reserve <= OutboxLimit"),
+    Condition("NewerThanJoined", 197, "part", 23, "j[1] = s[1]"),
+    Condition("NewerThanJoined", 197, "part", 24, "j[2] >= s[2]"),
+    Condition("Quarantined", 198, "part", 8, "st.quarantine"),
+    Condition("MayRequest", 199, "part", 12, "st.quarantine"),
+    Condition("NextTarget", 200, "part", 9, "p = st.target"),
+    Condition("Marked", 201, "part", 9, "st.session \\in marks"),
+    Condition("RoundLeft", 203, "part", 8, "st.proposal < MaxRounds"),
+    Condition("Reserve", 208, "part", 14, "MaxRounds > MaxParticipants"),
+    Condition("Room", 210, "part", 8, "Cardinality(st.outbox) + Reserve <= OutboxLimit"),
     Condition(
         "RoomToRecord",
-        210,
+        212,
         "part",
         8,
         "Cardinality(st.recorded \\cup st.withdrawn) < MaxParticipants",
     ),
-    Condition("RoomToRemember", 212, "part", 14, "\\E j \\in st.joined : j[1] = p"),
-    Condition("RoomToRemember", 212, "part", 24, "j[1] = p"),
-    Condition("RoomToRemember", 213, "part", 15, "Cardinality(st.joined) < MemoryLimit"),
-    Condition("In", 215, "part", 14, "Bound(st)"),
-    Condition("In", 215, "part", 15, "SameSession(st.session, s)"),
-    Condition("OnRequest", 221, "guard", 14, "Bound(st)"),
-    Condition("OnRequest", 221, "rule", 56, "ADV-1"),
-    Condition("OnRequest", 222, "guard", 32, "MayRequest(st)"),
-    Condition("OnRequest", 222, "rule", 61, "ACT-6"),
-    Condition("OnRequest", 223, "guard", 18, "st.backoff"),
-    Condition("OnRequest", 223, "rule", 65, "END-7"),
-    Condition("OnRequest", 224, "guard", 38, "Room(st)"),
-    Condition("OnRequest", 224, "rule", 70, "MEM-1"),
-    Condition("OnRequest", 228, "rule", 48, "ADV-1"),
-    Condition("OnResendAdvertisement", 231, "rule", 17, "ADV-2"),
-    Condition("OnAdvertisement", 234, "guard", 18, "Bound(st)"),
-    Condition("OnAdvertisement", 234, "rule", 77, "ADV-4"),
-    Condition("OnAdvertisement", 235, "guard", 20, "Quarantined(st)"),
-    Condition("OnAdvertisement", 235, "rule", 83, "END-8"),
-    Condition("OnAdvertisement", 236, "guard", 45, "NewerThanJoined(st, m.session)"),
-    Condition("OnAdvertisement", 236, "rule", 89, "ADV-8"),
-    Condition("OnAdvertisement", 237, "guard", 48, "concerned"),
-    Condition("OnAdvertisement", 237, "rule", 93, "ADV-3"),
-    Condition("OnAdvertisement", 238, "guard", 95, "Room(st)"),
-    Condition("OnAdvertisement", 238, "guard", 96, "RoomToRemember(st, m.src)"),
-    Condition("OnAdvertisement", 238, "rule", 99, "MEM-1"),
-    Condition("OnAdvertisement", 242, "part", 200, "x[1] # m.src"),
-    Condition("OnAdvertisement", 244, "rule", 67, "ADV-3"),
-    Condition("AnswerClosed", 249, "part", 60, "e.to = m.src"),
-    Condition("AnswerClosed", 249, "part", 61, "e.session = m.session"),
-    Condition("AnswerClosed", 250, "part", 62, 'e.type \\in {"Fin", "Cancel"}'),
-    Condition("AnswerClosed", 251, "guard", 38, "mine # {}"),
-    Condition("OnIntention", 256, "guard", 32, "In(st, m.session)"),
-    Condition("OnIntention", 256, "rule", 68, "ADV-5"),
-    Condition("OnIntention", 257, "guard", 16, 'st.phase = "ADVERTISING"'),
-    Condition("OnIntention", 258, "guard", 39, "p \\in st.recorded"),
-    Condition("OnIntention", 258, "rule", 121, "ADV-5"),
-    Condition("OnIntention", 259, "guard", 41, "p \\in st.withdrawn"),
-    Condition("OnIntention", 259, "rule", 129, "ADV-5"),
-    Condition("OnIntention", 260, "guard", 83, "RoomToRecord(st)"),
-    Condition("OnIntention", 260, "rule", 134, "MEM-1"),
-    Condition("OnIntention", 261, "rule", 88, "ADV-5"),
-    Condition("OnIntention", 262, "guard", 24, "p \\in st.recorded \\cup {st.target}"),
-    Condition("OnIntention", 263, "rule", 97, "ADV-5"),
-    Condition("OnIntention", 264, "rule", 57, "ADV-5"),
-    Condition("OnHold", 267, "rule", 17, "ADV-7"),
-    Condition("OnForget", 270, "rule", 15, "ADV-8"),
-    Condition("OnForget", 270, "part", 35, "j[1] # p"),
-    Condition("NoParticipants", 277, "rule", 17, "PRE-1"),
-    Condition("OnAdvertiseEnd", 280, "guard", 10, "st.recorded = {}"),
-    Condition("OnAdvertiseEnd", 282, "rule", 23, "PRE-1"),
-    Condition("OnPrescribe", 294, "guard", 52, 'st.phase = "CHOOSING"'),
-    Condition("OnPrescribe", 294, "guard", 53, "st.deciding"),
-    Condition("OnPrescribe", 294, "rule", 56, "CMD-1"),
-    Condition("OnPrescribe", 295, "guard", 32, "c.session # st.session"),
-    Condition("OnPrescribe", 295, "guard", 33, "c.proposal # NextProposal(st.proposal)"),
-    Condition("OnPrescribe", 296, "rule", 65, "PRE-5"),
-    Condition("OnPrescribe", 297, "guard", 18, 'st.phase = "CHOOSING"'),
-    Condition("OnPrescribe", 298, "guard", 38, "c.target \\in st.recorded"),
-    Condition("OnPrescribe", 298, "rule", 118, "PRE-2"),
-    Condition("OnPrescribe", 299, "rule", 74, "PRE-2"),
-    Condition("OnPrescribe", 300, "guard", 21, "NextTarget(st, c.target)"),
-    Condition("OnPrescribe", 301, "rule", 85, "NEG-7"),
-    Condition("OnPrescribe", 302, "rule", 47, "NEG-7"),
-    Condition("OnProceed", 305, "guard", 12, 'st.phase # "CHOOSING"'),
-    Condition("OnProceed", 305, "rule", 41, "CMD-1"),
-    Condition("OnProceed", 306, "guard", 14, "c.session # st.session"),
-    Condition("OnProceed", 306, "rule", 48, "PRE-5"),
-    Condition("OnProceed", 308, "rule", 33, "PRE-3"),
-    Condition("OnForeignPrescription", 314, "guard", 11, "Bound(st)"),
-    Condition("OnForeignPrescription", 314, "rule", 34, "NEG-4"),
-    Condition("OnForeignPrescription", 315, "rule", 24, "NEG-5"),
-    Condition("OnPrescription", 318, "guard", 25, "In(st, m.session)"),
-    Condition("OnPrescription", 319, "guard", 15, "OlderOrSame(m.proposal, st.proposal)"),
-    Condition("OnPrescription", 320, "rule", 58, "NEG-1"),
-    Condition("OnPrescription", 321, "guard", 17, 'st.phase \\in {"INTENDING", "WAITING"}'),
-    Condition("OnPrescription", 323, "part", 141, 'e.type # "Intention"'),
-    Condition("OnPrescription", 324, "rule", 67, "NEG-1"),
-    Condition("OnPrescription", 325, "rule", 37, "END-5"),
-    Condition("OnAccept", 328, "guard", 45, 'st.phase = "NEGOTIATING"'),
-    Condition("OnAccept", 328, "guard", 46, 'st.role = "receiver"'),
-    Condition("OnAccept", 329, "rule", 49, "CMD-1"),
-    Condition("OnAccept", 330, "guard", 28, "c.session # st.session"),
-    Condition("OnAccept", 330, "guard", 29, "c.proposal # st.proposal"),
-    Condition("OnAccept", 331, "rule", 58, "PRE-5"),
-    Condition("OnAccept", 334, "rule", 40, "NEG-2"),
-    Condition("RefuseProposal", 338, "rule", 30, "NEG-3"),
-    Condition("OnRefuse", 341, "guard", 37, 'st.phase = "NEGOTIATING"'),
-    Condition("OnRefuse", 341, "guard", 38, 'st.role = "receiver"'),
-    Condition("OnRefuse", 342, "rule", 41, "CMD-1"),
-    Condition("OnRefuse", 343, "guard", 25, "c.session # st.session"),
-    Condition("OnRefuse", 343, "guard", 26, "c.proposal # st.proposal"),
-    Condition("OnRefuse", 344, "rule", 50, "PRE-5"),
-    Condition("AwaitsAnswer", 349, "part", 12, 'st.phase = "PRESCRIBING"'),
-    Condition("AwaitsAnswer", 350, "part", 19, 'st.phase = "NEGOTIATING"'),
-    Condition("AwaitsAnswer", 350, "part", 27, "st.deciding"),
-    Condition("AckIfReliable", 354, "rule", 19, "NEG-6"),
-    Condition("AckIfReliable", 354, "guard", 26, "m.seq # 0"),
-    Condition("OnAcceptance", 357, "guard", 45, "In(st, m.session)"),
-    Condition("OnAcceptance", 358, "guard", 46, "m.accepted"),
-    Condition("OnAcceptance", 358, "rule", 170, "NEG-6"),
-    Condition("OnAcceptance", 360, "guard", 51, "m.proposal > st.proposal"),
-    Condition("OnAcceptance", 360, "guard", 100, "OfPeer(st, m.src)"),
-    Condition("OnAcceptance", 361, "rule", 106, "END-5"),
-    Condition("OnAcceptance", 362, "guard", 108, "AwaitsAnswer(st)"),
-    Condition("OnAcceptance", 362, "guard", 109, "SameProposal(m.proposal, st.proposal)"),
-    Condition("OnAcceptance", 364, "guard", 72, "m.seq # 0"),
-    Condition("OnAcceptance", 364, "guard", 116, "m.seq # 0"),
-    Condition("OnAcceptance", 364, "guard", 133, "m.seq # 0"),
-    Condition("OnAcceptance", 366, "part", 339, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 366, "part", 348, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 366, "part", 356, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 368, "guard", 25, "m.accepted"),
-    Condition("OnAcceptance", 370, "rule", 126, "NEG-6"),
-    Condition("OnAcceptance", 371, "guard", 64, 'm.reason \\notin {"busy", "unknown_session"}'),
-    Condition("OnAcceptance", 372, "guard", 65, "RoundLeft(st)"),
-    Condition("OnAcceptance", 374, "rule", 143, "NEG-7"),
-    Condition("OnAcceptance", 375, "rule", 83, "NEG-7"),
-    Condition("OnCam", 382, "guard", 19, 'st.phase = "ACTUATING"'),
-    Condition("OnCam", 382, "guard", 20, "OfPeer(st, i.src)"),
-    Condition("OnCam", 383, "guard", 21, "Marked(st, i.marks)"),
-    Condition("OnCam", 383, "guard", 40, "i.newer"),
-    Condition("OnCam", 383, "guard", 62, "st.heard"),
-    Condition("OnCam", 384, "rule", 77, "ACT-5"),
-    Condition("OnCam", 386, "rule", 26, "ACT-5"),
-    Condition("OnCamLoss", 388, "rule", 17, "ACT-2"),
-    Condition("OnComplete", 391, "guard", 37, 'st.phase = "ACTUATING"'),
-    Condition("OnComplete", 391, "guard", 38, 'st.role = "prescriber"'),
-    Condition("OnComplete", 392, "rule", 41, "CMD-1"),
-    Condition("OnComplete", 393, "guard", 14, "c.session # st.session"),
-    Condition("OnComplete", 393, "rule", 48, "PRE-5"),
-    Condition("OnComplete", 394, "rule", 32, "ACT-3"),
-    Condition("OnFin", 397, "guard", 19, "In(st, m.session)"),
-    Condition("OnFin", 397, "guard", 20, 'st.role = "receiver"'),
-    Condition("OnFin", 397, "guard", 21, "OfPeer(st, m.src)"),
-    Condition("OnFin", 398, "rule", 44, "ACT-3"),
-    Condition("OnFin", 399, "rule", 27, "END-3"),
-    Condition("OnAbort", 405, "guard", 22, "Bound(st)"),
-    Condition("OnAbort", 405, "rule", 40, "CMD-1"),
-    Condition("OnAbort", 406, "guard", 14, "c.session # st.session"),
-    Condition("OnAbort", 406, "rule", 47, "PRE-5"),
-    Condition("OnAbort", 407, "rule", 32, "END-1"),
-    Condition("OnCancel", 410, "guard", 63, "m.seq # 0"),
-    Condition("OnCancel", 410, "guard", 91, "m.seq # 0"),
-    Condition("OnCancel", 410, "guard", 112, "m.seq # 0"),
-    Condition("OnCancel", 410, "guard", 127, "m.seq # 0"),
-    Condition("OnCancel", 410, "guard", 168, "m.seq # 0"),
-    Condition("OnCancel", 410, "guard", 201, "m.seq # 0"),
-    Condition("OnCancel", 411, "guard", 36, "In(st, m.session)"),
-    Condition("OnCancel", 412, "rule", 81, "END-3"),
-    Condition("OnCancel", 412, "guard", 155, "m.seq # 0"),
-    Condition("OnCancel", 413, "guard", 17, 'st.phase = "ADVERTISING"'),
-    Condition("OnCancel", 414, "guard", 85, "m.src \\in st.withdrawn"),
-    Condition("OnCancel", 414, "guard", 165, "m.src \\notin st.recorded"),
-    Condition("OnCancel", 414, "guard", 266, "RoomToRecord(st)"),
-    Condition("OnCancel", 415, "rule", 175, "END-3"),
-    Condition("OnCancel", 418, "rule", 98, "END-2"),
-    Condition("OnCancel", 419, "guard", 48, 'st.phase = "CHOOSING"'),
-    Condition("OnCancel", 419, "guard", 49, "m.src \\in st.recorded"),
-    Condition("OnCancel", 420, "guard", 50, "st.recorded = {m.src}"),
-    Condition("OnCancel", 421, "rule", 119, "END-2"),
-    Condition("OnCancel", 422, "guard", 57, 'st.phase # "CHOOSING"'),
-    Condition("OnCancel", 422, "guard", 58, "OfPeer(st, m.src)"),
-    Condition("OnCancel", 423, "rule", 134, "END-2"),
-    Condition("OnCancel", 424, "rule", 70, "END-3"),
-    Condition("OnAck", 427, "part", 115, "AckMatches(e, m)"),
-    Condition("OnAck", 430, "guard", 19, "acked = {}"),
-    Condition("OnAck", 430, "rule", 81, "END-6"),
-    Condition("OnAck", 431, "guard", 23, '"Intention" \\in types'),
-    Condition("OnAck", 432, "rule", 91, "ADV-6"),
-    Condition("OnAck", 433, "guard", 26, '"Prescription" \\in types'),
-    Condition("OnAck", 434, "rule", 98, "PRE-4"),
-    Condition("OnAck", 435, "guard", 29, '"Acceptance" \\in types'),
-    Condition("OnAck", 435, "rule", 105, "NEG-9"),
-    Condition("OnAck", 436, "rule", 71, "END-6"),
-    Condition("OnRestart", 440, "rule", 22, "END-8"),
-    Condition("BreaksProtocol", 445, "part", 14, "m.src = me"),
+    Condition("RoomToRemember", 214, "part", 14, "\\E j \\in st.joined : j[1] = p"),
+    Condition("RoomToRemember", 214, "part", 24, "j[1] = p"),
+    Condition("RoomToRemember", 215, "part", 15, "Cardinality(st.joined) < MemoryLimit"),
+    Condition("In", 217, "part", 14, "Bound(st)"),
+    Condition("In", 217, "part", 15, "SameSession(st.session, s)"),
+    Condition("OnRequest", 223, "guard", 14, "Bound(st)"),
+    Condition("OnRequest", 223, "rule", 56, "ADV-1"),
+    Condition("OnRequest", 224, "guard", 32, "MayRequest(st)"),
+    Condition("OnRequest", 224, "rule", 61, "ACT-6"),
+    Condition("OnRequest", 225, "guard", 18, "st.backoff"),
+    Condition("OnRequest", 225, "rule", 65, "END-7"),
+    Condition("OnRequest", 226, "guard", 38, "Room(st)"),
+    Condition("OnRequest", 226, "rule", 70, "MEM-1"),
+    Condition("OnRequest", 230, "rule", 48, "ADV-1"),
+    Condition("OnResendAdvertisement", 233, "rule", 17, "ADV-2"),
+    Condition("OnAdvertisement", 236, "guard", 18, "Bound(st)"),
+    Condition("OnAdvertisement", 236, "rule", 77, "ADV-4"),
+    Condition("OnAdvertisement", 237, "guard", 20, "Quarantined(st)"),
+    Condition("OnAdvertisement", 237, "rule", 83, "END-8"),
+    Condition("OnAdvertisement", 238, "guard", 45, "NewerThanJoined(st, m.session)"),
+    Condition("OnAdvertisement", 238, "rule", 89, "ADV-8"),
+    Condition("OnAdvertisement", 239, "guard", 48, "concerned"),
+    Condition("OnAdvertisement", 239, "rule", 93, "ADV-3"),
+    Condition("OnAdvertisement", 240, "guard", 95, "Room(st)"),
+    Condition("OnAdvertisement", 240, "guard", 96, "RoomToRemember(st, m.src)"),
+    Condition("OnAdvertisement", 240, "rule", 99, "MEM-1"),
+    Condition("OnAdvertisement", 244, "part", 200, "x[1] # m.src"),
+    Condition("OnAdvertisement", 246, "rule", 67, "ADV-3"),
+    Condition("AnswerClosed", 251, "part", 60, "e.to = m.src"),
+    Condition("AnswerClosed", 251, "part", 61, "e.session = m.session"),
+    Condition("AnswerClosed", 252, "part", 62, 'e.type \\in {"Fin", "Cancel"}'),
+    Condition("AnswerClosed", 253, "guard", 38, "mine # {}"),
+    Condition("OnIntention", 258, "guard", 32, "In(st, m.session)"),
+    Condition("OnIntention", 258, "rule", 68, "ADV-5"),
+    Condition("OnIntention", 259, "guard", 16, 'st.phase = "ADVERTISING"'),
+    Condition("OnIntention", 260, "guard", 39, "p \\in st.recorded"),
+    Condition("OnIntention", 260, "rule", 121, "ADV-5"),
+    Condition("OnIntention", 261, "guard", 41, "p \\in st.withdrawn"),
+    Condition("OnIntention", 261, "rule", 129, "ADV-5"),
+    Condition("OnIntention", 262, "guard", 83, "RoomToRecord(st)"),
+    Condition("OnIntention", 262, "rule", 134, "MEM-1"),
+    Condition("OnIntention", 263, "rule", 88, "ADV-5"),
+    Condition("OnIntention", 264, "guard", 24, "p \\in st.recorded \\cup {st.target}"),
+    Condition("OnIntention", 265, "rule", 97, "ADV-5"),
+    Condition("OnIntention", 266, "rule", 57, "ADV-5"),
+    Condition("OnHold", 269, "rule", 17, "ADV-7"),
+    Condition("OnForget", 272, "rule", 15, "ADV-8"),
+    Condition("OnForget", 272, "part", 35, "j[1] # p"),
+    Condition("NoParticipants", 279, "rule", 17, "PRE-1"),
+    Condition("OnAdvertiseEnd", 282, "guard", 10, "st.recorded = {}"),
+    Condition("OnAdvertiseEnd", 284, "rule", 23, "PRE-1"),
+    Condition("OnClose", 288, "guard", 13, 'st.phase # "ADVERTISING"'),
+    Condition("OnClose", 288, "rule", 44, "CMD-1"),
+    Condition("OnClose", 289, "guard", 15, "c.session # st.session"),
+    Condition("OnClose", 289, "rule", 51, "PRE-5"),
+    Condition("OnClose", 290, "guard", 33, "MayClose(st)"),
+    Condition("OnClose", 290, "rule", 56, "ADV-9"),
+    Condition("OnClose", 291, "rule", 59, "ADV-9"),
+    Condition("OnPrescribe", 303, "guard", 52, 'st.phase = "CHOOSING"'),
+    Condition("OnPrescribe", 303, "guard", 53, "st.deciding"),
+    Condition("OnPrescribe", 303, "rule", 56, "CMD-1"),
+    Condition("OnPrescribe", 304, "guard", 32, "c.session # st.session"),
+    Condition("OnPrescribe", 304, "guard", 33, "c.proposal # NextProposal(st.proposal)"),
+    Condition("OnPrescribe", 305, "rule", 65, "PRE-5"),
+    Condition("OnPrescribe", 306, "guard", 18, 'st.phase = "CHOOSING"'),
+    Condition("OnPrescribe", 307, "guard", 38, "c.target \\in st.recorded"),
+    Condition("OnPrescribe", 307, "rule", 118, "PRE-2"),
+    Condition("OnPrescribe", 308, "rule", 74, "PRE-2"),
+    Condition("OnPrescribe", 309, "guard", 21, "NextTarget(st, c.target)"),
+    Condition("OnPrescribe", 310, "rule", 85, "NEG-7"),
+    Condition("OnPrescribe", 311, "rule", 47, "NEG-7"),
+    Condition("OnProceed", 314, "guard", 12, 'st.phase # "CHOOSING"'),
+    Condition("OnProceed", 314, "rule", 41, "CMD-1"),
+    Condition("OnProceed", 315, "guard", 14, "c.session # st.session"),
+    Condition("OnProceed", 315, "rule", 48, "PRE-5"),
+    Condition("OnProceed", 317, "rule", 33, "PRE-3"),
+    Condition("OnForeignPrescription", 323, "guard", 11, "Bound(st)"),
+    Condition("OnForeignPrescription", 323, "rule", 34, "NEG-4"),
+    Condition("OnForeignPrescription", 324, "rule", 24, "NEG-5"),
+    Condition("OnPrescription", 327, "guard", 25, "In(st, m.session)"),
+    Condition("OnPrescription", 328, "guard", 15, "OlderOrSame(m.proposal, st.proposal)"),
+    Condition("OnPrescription", 329, "rule", 58, "NEG-1"),
+    Condition("OnPrescription", 330, "guard", 17, 'st.phase \\in {"INTENDING", "WAITING"}'),
+    Condition("OnPrescription", 332, "part", 141, 'e.type # "Intention"'),
+    Condition("OnPrescription", 333, "rule", 67, "NEG-1"),
+    Condition("OnPrescription", 334, "rule", 37, "END-5"),
+    Condition("OnAccept", 337, "guard", 45, 'st.phase = "NEGOTIATING"'),
+    Condition("OnAccept", 337, "guard", 46, 'st.role = "receiver"'),
+    Condition("OnAccept", 338, "rule", 49, "CMD-1"),
+    Condition("OnAccept", 339, "guard", 28, "c.session # st.session"),
+    Condition("OnAccept", 339, "guard", 29, "c.proposal # st.proposal"),
+    Condition("OnAccept", 340, "rule", 58, "PRE-5"),
+    Condition("OnAccept", 343, "rule", 40, "NEG-2"),
+    Condition("RefuseProposal", 347, "rule", 30, "NEG-3"),
+    Condition("OnRefuse", 350, "guard", 37, 'st.phase = "NEGOTIATING"'),
+    Condition("OnRefuse", 350, "guard", 38, 'st.role = "receiver"'),
+    Condition("OnRefuse", 351, "rule", 41, "CMD-1"),
+    Condition("OnRefuse", 352, "guard", 25, "c.session # st.session"),
+    Condition("OnRefuse", 352, "guard", 26, "c.proposal # st.proposal"),
+    Condition("OnRefuse", 353, "rule", 50, "PRE-5"),
+    Condition("AwaitsAnswer", 358, "part", 12, 'st.phase = "PRESCRIBING"'),
+    Condition("AwaitsAnswer", 359, "part", 19, 'st.phase = "NEGOTIATING"'),
+    Condition("AwaitsAnswer", 359, "part", 27, "st.deciding"),
+    Condition("AckIfReliable", 363, "rule", 19, "NEG-6"),
+    Condition("AckIfReliable", 363, "guard", 26, "m.seq # 0"),
+    Condition("OnAcceptance", 366, "guard", 45, "In(st, m.session)"),
+    Condition("OnAcceptance", 367, "guard", 46, "m.accepted"),
+    Condition("OnAcceptance", 367, "rule", 170, "NEG-6"),
+    Condition("OnAcceptance", 369, "guard", 51, "m.proposal > st.proposal"),
+    Condition("OnAcceptance", 369, "guard", 100, "OfPeer(st, m.src)"),
+    Condition("OnAcceptance", 370, "rule", 106, "END-5"),
+    Condition("OnAcceptance", 371, "guard", 108, "AwaitsAnswer(st)"),
+    Condition("OnAcceptance", 371, "guard", 109, "SameProposal(m.proposal, st.proposal)"),
+    Condition("OnAcceptance", 373, "guard", 72, "m.seq # 0"),
+    Condition("OnAcceptance", 373, "guard", 116, "m.seq # 0"),
+    Condition("OnAcceptance", 373, "guard", 133, "m.seq # 0"),
+    Condition("OnAcceptance", 375, "part", 339, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 375, "part", 348, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 375, "part", 356, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 377, "guard", 25, "m.accepted"),
+    Condition("OnAcceptance", 379, "rule", 126, "NEG-6"),
+    Condition("OnAcceptance", 380, "guard", 64, 'm.reason \\notin {"busy", "unknown_session"}'),
+    Condition("OnAcceptance", 381, "guard", 65, "RoundLeft(st)"),
+    Condition("OnAcceptance", 383, "rule", 143, "NEG-7"),
+    Condition("OnAcceptance", 384, "rule", 83, "NEG-7"),
+    Condition("OnCam", 391, "guard", 19, 'st.phase = "ACTUATING"'),
+    Condition("OnCam", 391, "guard", 20, "OfPeer(st, i.src)"),
+    Condition("OnCam", 392, "guard", 21, "Marked(st, i.marks)"),
+    Condition("OnCam", 392, "guard", 40, "i.newer"),
+    Condition("OnCam", 392, "guard", 62, "st.heard"),
+    Condition("OnCam", 393, "rule", 77, "ACT-5"),
+    Condition("OnCam", 395, "rule", 26, "ACT-5"),
+    Condition("OnCamLoss", 397, "rule", 17, "ACT-2"),
+    Condition("OnComplete", 400, "guard", 37, 'st.phase = "ACTUATING"'),
+    Condition("OnComplete", 400, "guard", 38, 'st.role = "prescriber"'),
+    Condition("OnComplete", 401, "rule", 41, "CMD-1"),
+    Condition("OnComplete", 402, "guard", 14, "c.session # st.session"),
+    Condition("OnComplete", 402, "rule", 48, "PRE-5"),
+    Condition("OnComplete", 403, "rule", 32, "ACT-3"),
+    Condition("OnFin", 406, "guard", 19, "In(st, m.session)"),
+    Condition("OnFin", 406, "guard", 20, 'st.role = "receiver"'),
+    Condition("OnFin", 406, "guard", 21, "OfPeer(st, m.src)"),
+    Condition("OnFin", 407, "rule", 44, "ACT-3"),
+    Condition("OnFin", 408, "rule", 27, "END-3"),
+    Condition("OnAbort", 414, "guard", 22, "Bound(st)"),
+    Condition("OnAbort", 414, "rule", 40, "CMD-1"),
+    Condition("OnAbort", 415, "guard", 14, "c.session # st.session"),
+    Condition("OnAbort", 415, "rule", 47, "PRE-5"),
+    Condition("OnAbort", 416, "rule", 32, "END-1"),
+    Condition("OnCancel", 419, "guard", 63, "m.seq # 0"),
+    Condition("OnCancel", 419, "guard", 91, "m.seq # 0"),
+    Condition("OnCancel", 419, "guard", 112, "m.seq # 0"),
+    Condition("OnCancel", 419, "guard", 127, "m.seq # 0"),
+    Condition("OnCancel", 419, "guard", 168, "m.seq # 0"),
+    Condition("OnCancel", 419, "guard", 201, "m.seq # 0"),
+    Condition("OnCancel", 420, "guard", 36, "In(st, m.session)"),
+    Condition("OnCancel", 421, "rule", 81, "END-3"),
+    Condition("OnCancel", 421, "guard", 155, "m.seq # 0"),
+    Condition("OnCancel", 422, "guard", 17, 'st.phase = "ADVERTISING"'),
+    Condition("OnCancel", 423, "guard", 85, "m.src \\in st.withdrawn"),
+    Condition("OnCancel", 423, "guard", 165, "m.src \\notin st.recorded"),
+    Condition("OnCancel", 423, "guard", 266, "RoomToRecord(st)"),
+    Condition("OnCancel", 424, "rule", 175, "END-3"),
+    Condition("OnCancel", 427, "rule", 98, "END-2"),
+    Condition("OnCancel", 428, "guard", 48, 'st.phase = "CHOOSING"'),
+    Condition("OnCancel", 428, "guard", 49, "m.src \\in st.recorded"),
+    Condition("OnCancel", 429, "guard", 50, "st.recorded = {m.src}"),
+    Condition("OnCancel", 430, "rule", 119, "END-2"),
+    Condition("OnCancel", 431, "guard", 57, 'st.phase # "CHOOSING"'),
+    Condition("OnCancel", 431, "guard", 58, "OfPeer(st, m.src)"),
+    Condition("OnCancel", 432, "rule", 134, "END-2"),
+    Condition("OnCancel", 433, "rule", 70, "END-3"),
+    Condition("OnAck", 436, "part", 115, "AckMatches(e, m)"),
+    Condition("OnAck", 439, "guard", 19, "acked = {}"),
+    Condition("OnAck", 439, "rule", 81, "END-6"),
+    Condition("OnAck", 440, "guard", 23, '"Intention" \\in types'),
+    Condition("OnAck", 441, "rule", 91, "ADV-6"),
+    Condition("OnAck", 442, "guard", 26, '"Prescription" \\in types'),
+    Condition("OnAck", 443, "rule", 98, "PRE-4"),
+    Condition("OnAck", 444, "guard", 29, '"Acceptance" \\in types'),
+    Condition("OnAck", 444, "rule", 105, "NEG-9"),
+    Condition("OnAck", 445, "rule", 71, "END-6"),
+    Condition("OnRestart", 449, "rule", 22, "END-8"),
+    Condition("BreaksProtocol", 454, "part", 14, "m.src = me"),
     Condition(
-        "BreaksProtocol", 446, "part", 15, '(m.dst = Broadcast) # (m.type = "Advertisement")'
+        "BreaksProtocol", 455, "part", 15, '(m.dst = Broadcast) # (m.type = "Advertisement")'
     ),
-    Condition("BreaksProtocol", 447, "part", 28, 'm.type \\in {"Advertisement", "Prescription"}'),
-    Condition("BreaksProtocol", 447, "part", 29, "m.src # m.session[1]"),
-    Condition("BreaksProtocol", 448, "part", 31, 'm.type \\in {"Intention", "Acceptance"}'),
-    Condition("BreaksProtocol", 448, "part", 32, "m.session[1] # me"),
-    Condition("BreaksProtocol", 449, "part", 34, 'm.type = "Cancel"'),
-    Condition("BreaksProtocol", 449, "part", 35, 'm.reason = "closed"'),
-    Condition("BreaksProtocol", 449, "part", 36, "m.src # m.session[1]"),
-    Condition("OnMessage", 452, "guard", 20, "m.dst \\notin {me, Broadcast}"),
-    Condition("OnMessage", 452, "rule", 92, "MSG-1"),
-    Condition("OnMessage", 453, "guard", 22, "BreaksProtocol(me, m)"),
-    Condition("OnMessage", 453, "rule", 99, "END-5"),
-    Condition("OnMessage", 454, "case", 24, 'm.type = "Advertisement"'),
-    Condition("OnMessage", 455, "case", 26, 'm.type = "Intention"'),
-    Condition("OnMessage", 456, "case", 28, 'm.type = "Prescription"'),
-    Condition("OnMessage", 457, "case", 30, 'm.type = "Acceptance"'),
-    Condition("OnMessage", 458, "case", 32, 'm.type = "Fin"'),
-    Condition("OnMessage", 459, "case", 34, 'm.type = "Cancel"'),
-    Condition("OnMessage", 460, "case", 36, 'm.type = "Ack"'),
-    Condition("OnCommand", 463, "case", 17, 'c.name = "request"'),
-    Condition("OnCommand", 464, "case", 19, 'c.name = "prescribe"'),
-    Condition("OnCommand", 465, "case", 21, 'c.name = "proceed"'),
-    Condition("OnCommand", 466, "case", 23, 'c.name = "accept"'),
-    Condition("OnCommand", 467, "case", 25, 'c.name = "refuse"'),
-    Condition("OnCommand", 468, "case", 27, 'c.name = "complete"'),
-    Condition("OnCommand", 469, "case", 29, 'c.name = "abort"'),
-    Condition("OnDecide", 475, "guard", 10, 'st.role = "receiver"'),
-    Condition("OnDecide", 478, "rule", 24, "PRE-5"),
-    Condition("OnResend", 481, "guard", 11, 'e.type = "Advertisement"'),
-    Condition("OnResend", 482, "rule", 26, "REL-1"),
-    Condition("GiveUpEntry", 485, "case", 13, 'e.type = "Intention"'),
-    Condition("GiveUpEntry", 486, "rule", 46, "ADV-6"),
-    Condition("GiveUpEntry", 487, "case", 15, 'e.type = "Prescription"'),
-    Condition("GiveUpEntry", 487, "rule", 53, "PRE-4"),
-    Condition("GiveUpEntry", 488, "case", 17, 'e.type = "Acceptance"'),
-    Condition("GiveUpEntry", 488, "rule", 58, "NEG-9"),
-    Condition("GiveUpEntry", 489, "rule", 38, "REL-1"),
-    Condition("OnExpiry", 494, "case", 21, 't[1] = "advertise"'),
-    Condition("OnExpiry", 495, "case", 23, 't[1] = "resend"'),
-    Condition("OnExpiry", 496, "case", 25, 't[1] = "giveup"'),
-    Condition("OnExpiry", 497, "case", 27, 't[1] = "decide"'),
-    Condition("OnExpiry", 498, "case", 29, 't[1] = "hold"'),
-    Condition("OnExpiry", 499, "case", 31, 't[1] = "answer"'),
-    Condition("OnExpiry", 499, "rule", 136, "NEG-8"),
-    Condition("OnExpiry", 500, "case", 33, 't[1] = "cam"'),
-    Condition("OnExpiry", 501, "case", 35, 't[1] = "lease"'),
-    Condition("OnExpiry", 501, "rule", 150, "ACT-4"),
-    Condition("OnExpiry", 502, "case", 37, 't[1] = "quarantine"'),
-    Condition("OnExpiry", 502, "rule", 156, "END-8"),
-    Condition("OnExpiry", 503, "case", 39, 't[1] = "backoff"'),
-    Condition("OnExpiry", 503, "rule", 162, "END-7"),
-    Condition("OnExpiry", 504, "case", 41, 't[1] = "forget"'),
-    Condition("Decide", 516, "case", 15, 'i.kind = "receive"'),
-    Condition("Decide", 517, "case", 17, 'i.kind = "cam"'),
-    Condition("Decide", 518, "case", 19, 'i.kind = "command"'),
-    Condition("Decide", 519, "case", 21, 'i.kind = "expire"'),
-    Condition("Decide", 520, "case", 23, 'i.kind = "restart"'),
-    Condition("Expired", 522, "part", 9, 'i.kind = "expire"'),
-    Condition("Step", 529, "part", 109, "t \\notin before"),
-    Condition("Step", 529, "part", 110, "t \\in Expired(i) \\cup r.again"),
-    Condition("Marks", 533, "part", 19, "Bound(st)"),
-    Condition("Marks", 534, "part", 52, 'x.type = "Fin"'),
-    Condition("StationTypeInv", 547, "part", 14, "st.phase \\in Phases"),
-    Condition("StationTypeInv", 547, "part", 15, "st.role \\in Roles"),
-    Condition("StationTypeInv", 548, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
+    Condition("BreaksProtocol", 456, "part", 29, 'm.type \\in {"Advertisement", "Prescription"}'),
+    Condition("BreaksProtocol", 456, "part", 30, "m.src # m.session[1]"),
+    Condition("BreaksProtocol", 457, "part", 32, 'm.type = "Prescription"'),
+    Condition("BreaksProtocol", 457, "part", 60, "WithinRounds(m.proposal)"),
+    Condition("BreaksProtocol", 458, "part", 35, 'm.type \\in {"Intention", "Acceptance"}'),
+    Condition("BreaksProtocol", 458, "part", 36, "m.session[1] # me"),
+    Condition("BreaksProtocol", 459, "part", 38, 'm.type = "Cancel"'),
+    Condition("BreaksProtocol", 459, "part", 39, 'm.reason = "closed"'),
+    Condition("BreaksProtocol", 459, "part", 40, "m.src # m.session[1]"),
+    Condition("OnMessage", 462, "guard", 20, "m.dst \\notin {me, Broadcast}"),
+    Condition("OnMessage", 462, "rule", 92, "MSG-1"),
+    Condition("OnMessage", 463, "guard", 22, "BreaksProtocol(me, m)"),
+    Condition("OnMessage", 463, "rule", 99, "END-5"),
+    Condition("OnMessage", 464, "case", 24, 'm.type = "Advertisement"'),
+    Condition("OnMessage", 465, "case", 26, 'm.type = "Intention"'),
+    Condition("OnMessage", 466, "case", 28, 'm.type = "Prescription"'),
+    Condition("OnMessage", 467, "case", 30, 'm.type = "Acceptance"'),
+    Condition("OnMessage", 468, "case", 32, 'm.type = "Fin"'),
+    Condition("OnMessage", 469, "case", 34, 'm.type = "Cancel"'),
+    Condition("OnMessage", 470, "case", 36, 'm.type = "Ack"'),
+    Condition("OnCommand", 473, "case", 18, 'c.name = "request"'),
+    Condition("OnCommand", 474, "case", 20, 'c.name = "close"'),
+    Condition("OnCommand", 475, "case", 22, 'c.name = "prescribe"'),
+    Condition("OnCommand", 476, "case", 24, 'c.name = "proceed"'),
+    Condition("OnCommand", 477, "case", 26, 'c.name = "accept"'),
+    Condition("OnCommand", 478, "case", 28, 'c.name = "refuse"'),
+    Condition("OnCommand", 479, "case", 30, 'c.name = "complete"'),
+    Condition("OnCommand", 480, "case", 32, 'c.name = "abort"'),
+    Condition("OnDecide", 486, "guard", 10, 'st.role = "receiver"'),
+    Condition("OnDecide", 489, "rule", 24, "PRE-5"),
+    Condition("OnResend", 492, "guard", 11, 'e.type = "Advertisement"'),
+    Condition("OnResend", 493, "rule", 26, "REL-1"),
+    Condition("GiveUpEntry", 496, "case", 13, 'e.type = "Intention"'),
+    Condition("GiveUpEntry", 497, "rule", 46, "ADV-6"),
+    Condition("GiveUpEntry", 498, "case", 15, 'e.type = "Prescription"'),
+    Condition("GiveUpEntry", 498, "rule", 53, "PRE-4"),
+    Condition("GiveUpEntry", 499, "case", 17, 'e.type = "Acceptance"'),
+    Condition("GiveUpEntry", 499, "rule", 58, "NEG-9"),
+    Condition("GiveUpEntry", 500, "rule", 38, "REL-1"),
+    Condition("OnExpiry", 505, "case", 21, 't[1] = "advertise"'),
+    Condition("OnExpiry", 506, "case", 23, 't[1] = "resend"'),
+    Condition("OnExpiry", 507, "case", 25, 't[1] = "giveup"'),
+    Condition("OnExpiry", 508, "case", 27, 't[1] = "decide"'),
+    Condition("OnExpiry", 509, "case", 29, 't[1] = "hold"'),
+    Condition("OnExpiry", 510, "case", 31, 't[1] = "answer"'),
+    Condition("OnExpiry", 510, "rule", 136, "NEG-8"),
+    Condition("OnExpiry", 511, "case", 33, 't[1] = "cam"'),
+    Condition("OnExpiry", 512, "case", 35, 't[1] = "lease"'),
+    Condition("OnExpiry", 512, "rule", 150, "ACT-4"),
+    Condition("OnExpiry", 513, "case", 37, 't[1] = "quarantine"'),
+    Condition("OnExpiry", 513, "rule", 156, "END-8"),
+    Condition("OnExpiry", 514, "case", 39, 't[1] = "backoff"'),
+    Condition("OnExpiry", 514, "rule", 162, "END-7"),
+    Condition("OnExpiry", 515, "case", 41, 't[1] = "forget"'),
+    Condition("Decide", 527, "case", 15, 'i.kind = "receive"'),
+    Condition("Decide", 528, "case", 17, 'i.kind = "cam"'),
+    Condition("Decide", 529, "case", 19, 'i.kind = "command"'),
+    Condition("Decide", 530, "case", 21, 'i.kind = "expire"'),
+    Condition("Decide", 531, "case", 23, 'i.kind = "restart"'),
+    Condition("Expired", 533, "part", 9, 'i.kind = "expire"'),
+    Condition("Step", 540, "part", 109, "t \\notin before"),
+    Condition("Step", 540, "part", 110, "t \\in Expired(i) \\cup r.again"),
+    Condition("Marks", 544, "part", 19, "Bound(st)"),
+    Condition("Marks", 545, "part", 52, 'x.type = "Fin"'),
+    Condition("StationTypeInv", 558, "part", 14, "st.phase \\in Phases"),
+    Condition("StationTypeInv", 558, "part", 15, "st.role \\in Roles"),
+    Condition("StationTypeInv", 559, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
     Condition(
-        "StationTypeInv", 549, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
+        "StationTypeInv", 560, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
     ),
-    Condition("StationTypeInv", 550, "part", 51, "st.session = <<me, st.number>>"),
-    Condition("StationTypeInv", 550, "part", 119, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 551, "part", 124, 'st.role = "receiver"'),
-    Condition("StationTypeInv", 551, "part", 126, "st.session \\in st.joined"),
-    Condition("StationTypeInv", 551, "part", 127, "st.session[1] # me"),
-    Condition("StationTypeInv", 552, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
-    Condition("StationTypeInv", 553, "part", 59, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 553, "part", 132, "st.recorded # {}"),
-    Condition("StationTypeInv", 554, "part", 62, "st.recorded # {}"),
-    Condition("StationTypeInv", 554, "part", 137, 'st.phase = "CHOOSING"'),
-    Condition("StationTypeInv", 555, "part", 65, 'st.phase = "ADVERTISING"'),
-    Condition("StationTypeInv", 555, "part", 141, "st.withdrawn # {}"),
-    Condition(
-        "StationTypeInv",
-        556,
-        "part",
-        24,
-        '(st.target # Nobody) = (/\\ st.role = "prescriber" /\\ st.phase \\notin {"ADVERTISING", "CHOOSING"})',
-    ),
-    Condition("StationTypeInv", 556, "part", 149, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 557, "part", 150, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 558, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
-    Condition("StationTypeInv", 559, "part", 264, "Bound(st)"),
-    Condition(
-        "StationTypeInv",
-        560,
-        "part",
-        74,
-        'st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined, !.outbox = {e \\in st.outbox : e.type \\in {"Fin", "Cancel"}}, !.quarantine = st.quarantine, !.backoff = st.backoff ]',
-    ),
-    Condition("StationTypeInv", 562, "part", 451, 'e.type \\in {"Fin", "Cancel"}'),
-    Condition("StationTypeInv", 565, "part", 162, "st.deciding"),
-    Condition("StationTypeInv", 565, "part", 164, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 565, "part", 165, 'st.phase = "NEGOTIATING"'),
-    Condition("StationTypeInv", 566, "part", 80, 'st.phase = "ACTUATING"'),
-    Condition("StationTypeInv", 566, "part", 167, "st.heard"),
+    Condition("StationTypeInv", 561, "part", 51, "st.session = <<me, st.number>>"),
+    Condition("StationTypeInv", 561, "part", 119, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 562, "part", 124, 'st.role = "receiver"'),
+    Condition("StationTypeInv", 562, "part", 126, "st.session \\in st.joined"),
+    Condition("StationTypeInv", 562, "part", 127, "st.session[1] # me"),
+    Condition("StationTypeInv", 563, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
+    Condition("StationTypeInv", 564, "part", 59, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 564, "part", 132, "st.recorded # {}"),
+    Condition("StationTypeInv", 565, "part", 62, "st.recorded # {}"),
+    Condition("StationTypeInv", 565, "part", 137, 'st.phase = "CHOOSING"'),
+    Condition("StationTypeInv", 566, "part", 65, 'st.phase = "ADVERTISING"'),
+    Condition("StationTypeInv", 566, "part", 141, "st.withdrawn # {}"),
     Condition(
         "StationTypeInv",
         567,
         "part",
+        24,
+        '(st.target # Nobody) = (/\\ st.role = "prescriber" /\\ st.phase \\notin {"ADVERTISING", "CHOOSING"})',
+    ),
+    Condition("StationTypeInv", 567, "part", 149, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 568, "part", 150, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 569, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
+    Condition("StationTypeInv", 570, "part", 264, "Bound(st)"),
+    Condition(
+        "StationTypeInv",
+        571,
+        "part",
+        74,
+        'st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined, !.outbox = {e \\in st.outbox : e.type \\in {"Fin", "Cancel"}}, !.quarantine = st.quarantine, !.backoff = st.backoff ]',
+    ),
+    Condition("StationTypeInv", 573, "part", 451, 'e.type \\in {"Fin", "Cancel"}'),
+    Condition("StationTypeInv", 576, "part", 162, "st.deciding"),
+    Condition("StationTypeInv", 576, "part", 164, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 576, "part", 165, 'st.phase = "NEGOTIATING"'),
+    Condition("StationTypeInv", 577, "part", 80, 'st.phase = "ACTUATING"'),
+    Condition("StationTypeInv", 577, "part", 167, "st.heard"),
+    Condition(
+        "StationTypeInv",
+        578,
+        "part",
         29,
         '(st.phase = "INTENDING") = (\\E e \\in st.outbox : e.type = "Intention")',
     ),
-    Condition("StationTypeInv", 567, "part", 287, 'e.type = "Intention"'),
+    Condition("StationTypeInv", 578, "part", 287, 'e.type = "Intention"'),
     Condition(
         "StationTypeInv",
-        568,
+        579,
         "part",
         30,
         '(st.phase = "PRESCRIBING") = (\\E e \\in st.outbox : e.type = "Prescription")',
     ),
-    Condition("StationTypeInv", 568, "part", 292, 'e.type = "Prescription"'),
-    Condition("StationTypeInv", 569, "part", 31, "\\A e \\in st.outbox : e.seq # 0"),
-    Condition("StationTypeInv", 569, "part", 182, "e.seq # 0"),
-    Condition("StationTypeInv", 570, "part", 32, "Cardinality(st.outbox) <= OutboxLimit"),
-    Condition("StationTypeInv", 571, "part", 94, 'st.role # "receiver"'),
-    Condition("StationTypeInv", 571, "part", 189, "st.quarantine"),
-    Condition("StationTypeInv", 572, "part", 34, "Cardinality(st.joined) <= MemoryLimit"),
+    Condition("StationTypeInv", 579, "part", 292, 'e.type = "Prescription"'),
+    Condition("StationTypeInv", 580, "part", 31, "\\A e \\in st.outbox : e.seq # 0"),
+    Condition("StationTypeInv", 580, "part", 182, "e.seq # 0"),
+    Condition("StationTypeInv", 581, "part", 32, "Cardinality(st.outbox) <= OutboxLimit"),
+    Condition("StationTypeInv", 582, "part", 94, 'st.role # "receiver"'),
+    Condition("StationTypeInv", 582, "part", 189, "st.quarantine"),
+    Condition("StationTypeInv", 583, "part", 34, "Cardinality(st.joined) <= MemoryLimit"),
     Condition("Improper", 75, "part", 155, 'm.type # "Advertisement"'),
     Condition("Timers", 118, "part", 97, 'x.type # "Advertisement"'),
-    Condition("Offered", 143, "part", 22, "i.timer \\in Armed(Me, x)"),
-    Condition("Offered", 143, "part", 33, 'i.kind = "expire"'),
-    Condition("Offered", 144, "part", 60, 'i.kind = "expire"'),
-    Condition("Offered", 144, "part", 61, 'i.timer[1] = "forget"'),
-    Condition("Offered", 145, "part", 25, "\\A e \\in x.outbox : e.session[1] # i.timer[2]"),
-    Condition("Offered", 145, "part", 63, "e.session[1] # i.timer[2]"),
-    Condition("Offered", 146, "part", 66, 'i.kind = "receive"'),
-    Condition("Offered", 146, "part", 67, 'i.message.type = "Prescription"'),
-    Condition("Offered", 147, "part", 68, "i.message.proposal = Beyond"),
-    Condition("Offered", 148, "part", 44, "x.session # i.message.session"),
-    Condition("Offered", 148, "part", 45, 'x.phase \\in {"NEGOTIATING", "ACTUATING"}'),
-    Condition("Offered", 149, "part", 76, 'i.kind = "command"'),
-    Condition("Offered", 149, "part", 77, 'i.name = "request"'),
-    Condition("Offered", 150, "part", 49, "Bound(x)"),
-    Condition("Offered", 150, "part", 50, "x.number + 1 \\in OwnSessions"),
+    Condition("Offered", 142, "part", 21, "i.timer \\in Armed(Me, x)"),
+    Condition("Offered", 142, "part", 29, 'i.kind = "expire"'),
+    Condition("Offered", 143, "part", 51, 'i.kind = "expire"'),
+    Condition("Offered", 143, "part", 52, 'i.timer[1] = "forget"'),
+    Condition("Offered", 144, "part", 24, "\\A e \\in x.outbox : e.session[1] # i.timer[2]"),
+    Condition("Offered", 144, "part", 54, "e.session[1] # i.timer[2]"),
+    Condition("Offered", 145, "part", 57, 'i.kind = "command"'),
+    Condition("Offered", 145, "part", 58, 'i.name = "request"'),
+    Condition("Offered", 146, "part", 40, "Bound(x)"),
+    Condition("Offered", 146, "part", 41, "x.number + 1 \\in OwnSessions"),
 )
 
 

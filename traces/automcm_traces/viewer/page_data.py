@@ -21,7 +21,7 @@ from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import FATES
 from automcm_traces.system.log_merge import Node
-from automcm_traces.viewer import page_run
+from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare
 from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_order import order
@@ -52,6 +52,8 @@ class Page:
     comparison: Comparison | None = None
     note: str = ""
     """A remark on the verdict, in a sentence."""
+    traffic: Path | None = None
+    """A file with the positions of all road users (docs/trace-format.md)."""
     logs: list[Log] = field(init=False)
     histories: list[StateHistory] = field(init=False)
 
@@ -126,6 +128,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         },
         "strings": strings.values,
         "shapes": shapes.keys,
+        "traffic": page_traffic.of(page.traffic, page.nodes, page.logs),
     }
 
 

@@ -34,7 +34,7 @@ public:
     // TODO: handle a message; planned is null unless an Advertisement concerns the station.
     void receive(const json& /*message*/, const json& /*planned*/) {}
 
-    // TODO: handle request, prescribe, proceed, complete, abort, accept and refuse.
+    // TODO: handle request, close, prescribe, proceed, complete, abort, accept and refuse.
     void command(const std::string& /*name*/, const json& /*command*/) {}
 
     // TODO: the time (not the duration) of the earliest armed timer, if any.

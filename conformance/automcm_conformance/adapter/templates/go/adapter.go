@@ -58,7 +58,7 @@ func (s *Station) Advance(now int64) {} // TODO
 // Receive handles a message; planned is nil unless an Advertisement concerns the station.
 func (s *Station) Receive(message Object, planned json.RawMessage) {} // TODO
 
-// Command handles request, prescribe, proceed, complete, abort, accept and refuse.
+// Command handles request, close, prescribe, proceed, complete, abort, accept and refuse.
 func (s *Station) Command(command Object) {} // TODO
 
 // Deadline is the time (not the duration) of the earliest armed timer, or nil.

@@ -37,7 +37,7 @@ public class Adapter {
         /** TODO: handle a message; planned is null unless an Advertisement concerns the station. */
         void receive(Map<String, Object> message, Object planned) {}
 
-        /** TODO: handle request, prescribe, proceed, complete, abort, accept and refuse. */
+        /** TODO: handle request, close, prescribe, proceed, complete, abort, accept and refuse. */
         void command(String name, Map<String, Object> command) {}
 
         /** TODO: the time (not the duration) of the earliest armed timer, or null. */

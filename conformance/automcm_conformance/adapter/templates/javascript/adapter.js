@@ -41,7 +41,7 @@ class Station {
   // TODO: handle a message; `planned` is undefined unless an Advertisement concerns the station.
   receive(message, planned) {}
 
-  // TODO: handle request, prescribe, proceed, complete, abort, accept and refuse.
+  // TODO: handle request, close, prescribe, proceed, complete, abort, accept and refuse.
   command(name, command) {}
 
   // TODO: the time (not the duration) of the earliest armed timer, or null.

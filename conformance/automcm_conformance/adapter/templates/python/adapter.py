@@ -39,7 +39,7 @@ class Station:
         """TODO: handle a message.  ``planned`` is None unless an Advertisement concerns you."""
 
     def command(self, name: str, command: Json) -> None:
-        """TODO: handle request, prescribe, proceed, complete, abort, accept and refuse."""
+        """TODO: handle request, close, prescribe, proceed, complete, abort, accept and refuse."""
 
     def deadline(self) -> int | None:
         """TODO: the time (not the duration) of the earliest armed timer, or None."""

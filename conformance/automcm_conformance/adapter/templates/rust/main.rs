@@ -40,7 +40,7 @@ impl Station {
     /// TODO: handle a message; `planned` is None unless an Advertisement concerns the station.
     fn receive(&mut self, _message: &Json, _planned: Option<&Json>) {}
 
-    /// TODO: handle request, prescribe, proceed, complete, abort, accept and refuse.
+    /// TODO: handle request, close, prescribe, proceed, complete, abort, accept and refuse.
     fn command(&mut self, _command: &Json) {}
 
     /// TODO: the time (not the duration) of the earliest armed timer, if any.

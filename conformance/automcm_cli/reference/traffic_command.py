@@ -1,0 +1,171 @@
+"""``automcm simulate traffic``: stations in the traffic of SUMO."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, example, unknown, usage, write_json
+from automcm_spec.support import files
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from automcm_evaluation.traffic.traffic import Traffic
+
+app = typer.Typer()
+
+
+@app.command("traffic", epilog=example("simulate traffic --scenario lane-change --vehicles 20"))
+def traffic(
+    scenario: Annotated[
+        str, typer.Option(help="Which scenario; an unknown name lists them.")
+    ] = "lane-change",
+    vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=1)] = 20,
+    density: Annotated[
+        float, typer.Option(help="Vehicles per km of road, over all lanes.", min=1, max=1000)
+    ] = 40,
+    penetration: Annotated[
+        float, typer.Option(help="Share of vehicles with a station.", min=0, max=1)
+    ] = 1,
+    radio: Annotated[
+        Literal["even", "table"],
+        typer.Option(help="even: loses --loss everywhere; table: fitted to 802.11p."),
+    ] = "even",
+    loss: Annotated[
+        float, typer.Option(help="Share of messages to lose (--radio even).", min=0, max=1)
+    ] = 0,
+    codec: Annotated[Literal["json", "uper"], typer.Option(help="Encoding of messages.")] = "json",
+    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn.", min=0)] = 0,
+    duration_s: Annotated[
+        float, typer.Option(help="Simulated time in seconds.", min=1, max=3600)
+    ] = 40,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the logs, the positions, the record and the page.")
+    ] = Path("runs/traffic"),
+    gui: Annotated[bool, typer.Option("--gui", help="Watch it in sumo-gui.")] = False,
+    json_: Json = None,
+) -> None:
+    """Simulate stations in the traffic of SUMO.
+
+    SUMO moves everybody, and each equipped vehicle has a station.  The vehicles agree on maneuvers
+    by radio and drive them by their own control.  A vehicle without a station is SUMO's own driver.
+    The command writes each station's log, the record of safety, comfort, radio and sessions, and a
+    page of one session with the traffic from above.  The exit code is 1 if equipped vehicles
+    collided, a maneuver caused a collision, or a hazard exceeded its bound (T-2).  Needs
+    automcm[sumo].
+    """
+    from automcm.encoding.codec import CodecError
+    from automcm_evaluation.traffic.mover import TrafficError
+    from automcm_evaluation.traffic.seen_from_above import Frames
+    from automcm_evaluation.traffic.traffic_scenario import Setting
+    from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+    from automcm_evaluation.traffic_scenarios.traffic_run import Run
+
+    if scenario not in SCENARIOS:
+        raise typer.BadParameter(unknown(scenario, list(SCENARIOS), "scenario"))
+    with usage(ValueError):
+        run = Run(
+            scenario=scenario,
+            setting=Setting(
+                seed=seed,
+                vehicles=vehicles,
+                density=density,
+                penetration=penetration,
+                duration_s=duration_s,
+            ),
+            radio=radio,
+            loss=loss,
+            codec=codec,
+        )
+    frames = Frames()
+    with code_3("simulate traffic", TrafficError, CodecError, OSError):
+        out.mkdir(parents=True, exist_ok=True)
+        for old in out.glob("*.ndjson"):
+            old.unlink()
+        with ExitStack() as stack:
+            progress = stack.enter_context(_bar(duration_s))
+            found = run.drive(logs=out, frames=frames, gui=gui, progress=progress)
+        record = run.record(found)
+        files.write(out / "traffic.json", frames.as_json())
+        page = _page(found, out)
+    write_json(out / "record.json", record)
+    if write_json(json_, record | {"page": str(page) if page else None}):
+        _say(record, out, page)
+    raise typer.Exit(1 if _bad(record) else 0)
+
+
+def _bad(record: dict[str, Any]) -> bool:
+    """Whether something happened that must not."""
+    collisions, hazards = record["collisions"], record["hazards"] or {"wrong": []}
+    return bool(collisions["between_equipped"] or collisions["by_maneuver"] or hazards["wrong"])
+
+
+class _Bar:
+    """A progress bar of the simulated time on a terminal; nothing in a pipe."""
+
+    def __init__(self, duration_s: float) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        console = Console(stderr=True)
+        self._progress = Progress(console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._progress.add_task("simulated seconds", total=duration_s)
+
+    def __enter__(self) -> Callable[[int], None]:
+        self._progress.start()
+        return lambda now_ms: self._progress.update(self._task, completed=now_ms / 1000)
+
+    def __exit__(self, *error: object) -> None:
+        self._progress.stop()
+
+
+def _bar(duration_s: float) -> _Bar:
+    return _Bar(duration_s)
+
+
+def _page(found: Traffic, out: Path) -> Path | None:
+    """The page of the first session that was completed, or else agreed; None without one."""
+    from automcm_traces.viewer.page import html
+    from automcm_traces.viewer.page_data import load
+    from automcm_traces.viewer.page_part import Part
+
+    stations = found.stations
+    sessions = sorted(stations.completed & stations.agreed) or sorted(stations.agreed)
+    if not sessions:
+        return None
+    session = min(sessions, key=lambda each: stations.began[each])
+    partners = stations.partners[session]
+    logs = [out / f"{number}.ndjson" for number in (session[0], *sorted(partners - {session[0]}))]
+    page = load(logs, f"session {session[0]}/{session[1]} in traffic", part=Part(session=session))
+    page.traffic = out / "traffic.json"
+    files.write(out / "page.html", html(page))
+    return out / "page.html"
+
+
+def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
+    collisions, sessions, radio = record["collisions"], record["sessions"], record["radio"]
+    typer.echo(
+        f"collisions  {collisions['between_equipped']} between equipped vehicles, "
+        f"{collisions['by_maneuver']} by a maneuver, {collisions['all']} in all"
+    )
+    if record["hazards"] is not None:
+        lengths = [ms for each in record["hazards"]["lengths"].values() for ms in each]
+        typer.echo(
+            f"hazards     {len(lengths)}, longest {max(lengths, default=0)} ms, "
+            f"{len(record['hazards']['wrong'])} beyond B = {record['hazards']['bound_ms']} ms (T-2)"
+        )
+    typer.echo(
+        f"sessions    {sessions['requested']} requested, {sessions['agreed']} agreed, "
+        f"{sessions['completed']} completed"
+    )
+    typer.echo(
+        f"radio       {radio['sent_bytes']} bytes; 95 % of CAMs at most "
+        f"{radio['cam_age_ms']['p95']} ms old"
+    )
+    for what, number in record["outcome"].items():
+        typer.echo(f"  {number:4}  {what}")
+    typer.echo(f"written     {out / 'record.json'}, the logs" + (f", {page}" if page else ""))

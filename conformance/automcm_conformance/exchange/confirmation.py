@@ -1,0 +1,71 @@
+"""Confirms a wrong answer in a fresh process, line by line, as a replay does.
+
+A station that is wrong only in a used process keeps state over a reset, or is nondeterministic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
+
+from automcm_conformance.adapter.adapter import Adapter, LineByLine
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.exchange.answers import differences
+from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.play import Wrong
+from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC
+
+UNSHOWN = ("hang", "start")
+"""Failures of the process that are not repeated: a hang takes the whole limit of an answer."""
+
+
+def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
+    """The failure in a fresh process, up to the very line that shows it, and an empty text.
+
+    If a fresh process does not fail: the given error, and one of UNCONFIRMED. ``repeated``: the
+    used process has failed more than once. Crashes on the way do not count.
+    """
+    if not _shows(error):
+        return error, ""
+    counts = adapter.broken, adapter.hung
+    steps = error.sent if isinstance(error, Broken) else error.steps
+    try:
+        adapter.renew()
+        if found := _again(adapter, error, steps):
+            alike = isinstance(error, Mismatch) and len(found.steps) == len(error.steps)
+            return error if alike else found, ""
+        if _again(adapter, error, steps):
+            return error, KEPT
+        adapter.renew()
+        return error, KEPT if repeated and not _again(adapter, error, steps) else NONDETERMINISTIC
+    finally:
+        adapter.renew()
+        adapter.broken, adapter.hung = counts
+
+
+def _shows(error: Wrong) -> bool:
+    """Whether the lines of an exchange alone show what is wrong."""
+    if isinstance(error, Broken):
+        return error.kind not in UNSHOWN
+    last = error.steps[-1]
+    return bool(differences(deepcopy(last.expected), last.answer))
+
+
+def _again(adapter: Adapter, error: Wrong, steps: Sequence[Step]) -> Wrong | None:
+    """The first failure when these lines are sent one by one; None if there is none."""
+    link, done = LineByLine(adapter), list[Step]()
+    for given in steps:
+        step = replace(given, expected=deepcopy(given.expected), answer=b"")
+        done.append(step)
+        try:
+            (step.answer,) = link.exchange([step.line])
+            problems = differences(step.expected, step.answer)
+        except (AdapterError, ProtocolError) as broken:
+            return Broken(done, broken)
+        if problems:
+            wrong = Mismatch(done, problems)
+            wrong.session = error.session if isinstance(error, Mismatch) else None
+            return wrong
+    return None

@@ -1,0 +1,115 @@
+"""``automcm spec mutate --matrix``: runs the matrix, reports it, and writes the committed files."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from automcm_maintenance.documents import generated_files, matrix_page
+from automcm_maintenance.documents.matrix_page import Entry, Head
+from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.spec_mutation import matrix
+from automcm_maintenance.spec_mutation.mutants import generate, sample
+from automcm_maintenance.spec_mutation.mutate_commands import PAGE, Usage
+from automcm_spec.model_checking import models
+from automcm_spec.support import files
+
+CELLS = ROOT / "runs" / "matrix.jsonl"
+
+
+@dataclass(frozen=True)
+class Report:
+    """The matrix; not complete if the run was interrupted."""
+
+    head: Head
+    entries: list[Entry]
+    complete: bool
+    problems: list[str]
+
+    @property
+    def exit_code(self) -> int:
+        """0 as expected, 1 if a reason is missing or obsolete, 4 if not complete."""
+        return 4 if not self.complete else 1 if self.problems else 0
+
+
+def run(
+    cfgs: Sequence[str] | None,
+    only: str | None,
+    limit: int | None,
+    jobs: int,
+    notify: Callable[[str], None],
+) -> Report:
+    """Run the matrix, by default all mutants in the models of ``matrix.CFGS``.
+
+    The reasons are only compared if nothing is left out.  Raises Usage for an unknown name.
+    """
+    loaded = {model.cfg: model for model in models.load() if model.expect == "holds"}
+    names = list(cfgs or matrix.CFGS)
+    if unknown := [name for name in names if name not in loaded]:
+        raise Usage(f"there is no model that must hold called {', '.join(unknown)}")
+    mutants = generate(modules=[matrix.MODULE])
+    if only is not None:
+        pattern = only if any(c in only for c in "*?[") else f"*{only}*"
+        mutants = [mutant for mutant in mutants if fnmatch.fnmatchcase(mutant.id, pattern)]
+        if not mutants:
+            raise Usage(f"no mutant matches {only!r}")
+    chosen = sample(mutants, limit or None)
+    rows, complete = matrix.Matrix([loaded[name] for name in names], cells=CELLS).run(
+        chosen, jobs, notify
+    )
+    entries = [
+        Entry(
+            id=row.mutant.id,
+            change=row.mutant.change,
+            kills=row.kills,
+            unfinished=dict(row.unfinished),
+        )
+        for row in rows
+    ]
+    problems = []
+    if complete and not (cfgs or only or limit):
+        problems = matrix_page.problems(entries, matrix_page.reasons())
+    return Report(Head(models=names, states=matrix.STATES), entries, complete, problems)
+
+
+def as_dict(report: Report) -> dict[str, Any]:
+    """The report as JSON."""
+    return {
+        "complete": report.complete,
+        **report.head.model_dump(),
+        "problems": report.problems,
+        "mutants": [entry.model_dump() for entry in report.entries],
+    }
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the numbers, the mutants that no property kills, and the problems."""
+    killed = Counter(id_ for entry in report.entries for id_ in entry.kills)
+    console.print(
+        "Killed by: " + ", ".join(f"{id_} {n}" for id_, n in killed.items()), soft_wrap=True
+    )
+    if report.complete:
+        for entry in report.entries:
+            if not entry.properties:
+                ends = "".join(f" ({end} in {unit})" for unit, end in entry.unfinished.items())
+                found = " (oracle)" if entry.kills else ""
+                line = f"No property {entry.id}{found}{ends}: {escape(entry.change)}"
+                console.print(line, soft_wrap=True)
+    for text in report.problems:
+        console.print(f"[red]Problem[/]     {escape(text)}", soft_wrap=True)
+    if not report.complete:
+        console.print("Incomplete; repeat the command to continue")
+
+
+def write(report: Report) -> None:
+    """Write the matrix of a complete report, and its part of the page."""
+    if report.complete:
+        files.write(matrix_page.MATRIX, matrix_page.text(report.head, report.entries))
+        page = PAGE.read_text(encoding="utf-8")
+        files.write(PAGE, generated_files.between(page, "matrix", matrix_page.page_part()))

@@ -1,0 +1,66 @@
+"""Wrong answers that a fresh process does not give, and the very line of a crash."""
+
+from __future__ import annotations
+
+import pytest
+from suite_stage import ACCEPTS, BUSY, FOREIGN, Suite, of
+from suite_stage import conform as conform
+from wrong_station import station
+
+from automcm_conformance.exchange.results import KEPT
+
+STATIC = """
+joined = set()
+def answer(c):
+    "The sessions joined are a static variable, which no reset empties."
+    if received(c, "Advertisement") and "planned" in c:
+        session = tuple(c["message"]["session"])
+        if session in joined:
+            del c["planned"]
+        joined.add(session)
+    return right(c)
+"""
+
+
+def test_state_that_is_kept_over_reset_is_named(conform: Suite) -> None:
+    found = conform(station(STATIC), "AMCM/STA/ADV/BV-02", states=60)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and case.reason.startswith(f"{KEPT}: a fresh process")
+    assert found.causes[0].shown.difference == KEPT
+
+
+BATCHES = """
+import select
+def answer(c):
+    if c["cmd"] != "hello" and received(c, "Prescription") and foreign(c):
+        os._exit(3)
+    return right(c)
+held, lines = b"", b""
+while True:
+    if held and not select.select([0], [], [], 0.02)[0]:
+        os.write(1, held)
+        held = b""
+    lines += os.read(0, 1 << 16) or b'{"cmd": "stop"}\\n'
+    *whole, lines = lines.split(b"\\n")
+    for command in map(json.loads, whole):
+        if command["cmd"] == "stop":
+            sys.exit()
+        held += json.dumps(answer(command)).encode() + b"\\n"
+"""
+"""It answers when there is nothing left to read."""
+
+
+@pytest.mark.slow
+def test_the_line_of_a_crash_is_shown_though_the_adapter_batches(conform: Suite) -> None:
+    found = conform(station(BATCHES), BUSY, ACCEPTS, states=60)
+    case = of(found, BUSY)
+    assert case.verdict == "ERROR" and "with exit code 3" in case.reason
+    last = case.failures[0].exchange[-1]
+    assert last.who == "kit" and "receive" in last.text and "Prescription" in last.text
+    assert of(found, ACCEPTS).verdict == "PASS"
+
+
+@pytest.mark.slow
+def test_what_is_confirmed_stays_a_fail(conform: Suite) -> None:
+    found = conform(station("def bad(c, out): return out | {'messages': []}" + FOREIGN), BUSY)
+    assert of(found, BUSY).verdict == "FAIL"

@@ -1,0 +1,188 @@
+"""I-1: the proof that the invariant of Inductive.tla is inductive, and that it can fail."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+import pytest
+
+z3 = pytest.importorskip("z3", reason="needs the extra prove")
+
+from automcm_maintenance.induction import prove_commands, symbolic  # noqa: E402
+from automcm_maintenance.induction.proof import OF_STATES, OF_STEPS, Prover, Result  # noqa: E402
+from automcm_spec.compilation import sany  # noqa: E402
+from automcm_spec.compilation.sany import Specification  # noqa: E402
+from automcm_spec.model_checking import models  # noqa: E402
+from automcm_spec.support.paths import MODELS  # noqa: E402
+from automcm_spec.vocabulary import reachable_steps  # noqa: E402
+from automcm_spec.vocabulary.station import OpenStation, Receive  # noqa: E402
+
+STATION = OpenStation(2, 2, 5, 2, frozenset({2}), frozenset({1}), frozenset({1, 2}))
+LIMITS = {
+    "MaxRounds": STATION.max_rounds,
+    "MaxParticipants": STATION.max_participants,
+    "OutboxLimit": STATION.outbox_limit,
+    "MemoryLimit": STATION.memory_limit,
+}
+
+
+@pytest.fixture(scope="module")
+def spec() -> Specification:
+    return sany.read(sany.export("Inductive"))
+
+
+@pytest.fixture(scope="module")
+def ablations() -> Specification:
+    return sany.read(sany.export("Ablations"))
+
+
+def tla(value: Any) -> Any:
+    """A value of the compiled station as the evaluator has it."""
+    if isinstance(value, frozenset):
+        return symbolic.elements(map(tla, value))
+    if isinstance(value, tuple):
+        if hasattr(value, "_asdict"):
+            return {key.rstrip("_"): tla(one) for key, one in value._asdict().items()}
+        return tuple(map(tla, value))
+    return value
+
+
+def walked(count: int, every: int = 997) -> list[reachable_steps.Step]:
+    """Steps of the compiled station, from all over its graph."""
+    return list(islice(reachable_steps.steps(STATION), 0, every * count, every))
+
+
+def test_the_evaluator_agrees_with_the_compiled_station(spec: Specification) -> None:
+    """On known values all but a test of a size (MEM-1) is decided without z3."""
+    evaluator = symbolic.Evaluator(spec, LIMITS)
+    rules = set()
+    for st, i, outcome in walked(80):
+        found = evaluator.operator("Decide", STATION.me, tla(st), tla(i))
+        same = [symbolic.equal(found[key], tla(getattr(outcome, key))) for key in ("st", "out")]
+        solver = z3.Solver()
+        solver.add(symbolic.lift(symbolic.all_of(same)))
+        assert solver.check() == z3.sat, (st, i)
+        rules.add(outcome.rule)
+    assert len(rules) > 10
+
+
+def test_it_agrees_if_nothing_is_known(spec: Specification) -> None:
+    """The values are variables here, and z3 knows that they equal those of the step."""
+    prover = Prover(spec)
+    evaluator = symbolic.Evaluator(spec, LIMITS, sizes=lambda _: True)  # there was room
+    me = z3.Int("me")
+    station = prover.station(me)
+    received = [step for step in walked(400, 331) if isinstance(step[1], Receive)]
+    changed = [step for step in received if step[2].st != step[0]][:3]
+    assert len(changed) == 3
+    for st, i, outcome in changed:
+        assert isinstance(i, Receive)
+        message, _ = symbolic.variables(tla(i.message), "message")
+        given = {**tla(i), "message": message}
+        found = evaluator.operator("Decide", me, station, given)
+        solver = z3.Solver()
+        known = [(me, STATION.me), (station, tla(st)), (message, tla(i.message))]
+        solver.add([symbolic.lift(symbolic.equal(*pair)) for pair in known])
+        assert solver.check() == z3.sat
+        same = [symbolic.equal(found[key], tla(getattr(outcome, key))) for key in ("st", "out")]
+        solver.add(symbolic.lift(symbolic.negated(symbolic.all_of(same))))
+        assert solver.check() == z3.unsat, (st, i)
+
+
+def test_an_unknown_construct_is_refused(spec: Specification) -> None:
+    with pytest.raises(sany.Refused, match=r"TLCGet"):
+        node = replace(spec.operators["Nobody"].body, op="TLCGet")
+        symbolic.Evaluator(spec, LIMITS).value(node, {})
+
+
+def unproved(prover: Prover, step: str) -> Result | None:
+    """The first obligation of these steps that z3 does not prove."""
+    return next((r for r in prover.results(step) if r.verdict != "proved"), None)
+
+
+def test_steps_keep_the_invariant(spec: Specification) -> None:
+    results = list(Prover(spec).results("request"))
+    assert {r.verdict for r in results} == {"proved"}
+    assert {r.goal for r in results} == {*Prover(spec).conjuncts, *OF_STEPS}
+
+
+@pytest.mark.slow
+def test_all_is_proved(spec: Specification) -> None:
+    report = prove_commands.run([], "", lambda text: None)
+    assert report.open == []
+    assert {r.goal for r in report.results} == {*Prover(spec).conjuncts, *OF_STEPS, *OF_STATES}
+    assert len({r.step for r in report.results}) > 30
+
+
+BROKEN_BY = {
+    "no_session_number": "Receive Fin",
+    "no_session_number_crosses": "Receive Cancel",
+    "no_proposal_number": "Receive Acceptance",
+    "bare_ack": "Receive Ack",
+    "ack_from_anybody": "Receive Ack",
+    "no_busy_refusal": "Receive Prescription",
+    "busy_overwrites_commitment": "Receive Prescription",
+    "rejoin": "Expire hold",
+    "no_quarantine": "Restart",
+    "retarget": "Command prescribe",
+    "abandoned_acceptance": "Expire giveup(Acceptance)",
+    "any_lease_order": "Expire lease",
+    "memory_dropped": "Expire forget",
+    "no_break_off": "Expire cam",
+    "own_word_first": "Command request",
+}
+"""The step at which the proof fails if a mechanism is taken away, for each model of Ablations."""
+
+
+def test_each_ablation_is_tried() -> None:
+    assert set(BROKEN_BY) == {
+        m.cfg for m in models.load() if m.module == "Ablations" and m.expect == "violates"
+    }
+
+
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("cfg", BROKEN_BY)
+def test_the_proof_fails_without_a_mechanism(
+    cfg: str, spec: Specification, ablations: Specification
+) -> None:
+    replaced = re.findall(r"(\w+) <- (\w+)", (MODELS / f"{cfg}.cfg").read_text())
+    operators = {**ablations.operators, **spec.operators}
+    operators |= {name: operators[other] for name, other in replaced}
+    assert unproved(Prover(replace(spec, operators=operators)), BROKEN_BY[cfg])
+
+
+NEEDED_AT = {
+    "TypeInv": "Expire hold",
+    "OpenedInv": "Command request",
+    "RoleInv": "Expire decide",
+    "NewestInv": "Expire forget",
+    "FormInv": "Receive Advertisement",
+    "OutboxInv": "Expire resend(Cancel)",
+    "OwnEntriesInv": "Receive Ack",
+    "AdvertisedInv": "Expire resend(Advertisement)",
+    "QuarantineInv": "",
+    "RecordedInv": "Command prescribe",
+    "PrescribedInv": "Command prescribe",
+    "CancelledInv": "Receive Fin",
+    "ReceiverInv": "Command accept",
+    "CommittedInv": "Command prescribe",
+    "RefusedInv": "Receive Ack",
+    "AckedInv": "Receive Ack",
+    "ActsOnInv": "",
+    "ReliedInv": "",
+    "OneReliesInv": "",
+}
+"""The step at which the rest of the invariant is not kept without a conjunct; "": in one state."""
+
+
+def test_each_conjunct_is_tried(spec: Specification) -> None:
+    assert list(NEEDED_AT) == Prover(spec).conjuncts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEEDED_AT)
+def test_the_proof_fails_without_a_conjunct(name: str, spec: Specification) -> None:
+    assert unproved(Prover(spec, frozenset({name})), NEEDED_AT[name])

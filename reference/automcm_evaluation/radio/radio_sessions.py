@@ -1,0 +1,123 @@
+"""Sessions and drives whose messages go over ``TableRadio``, and their models."""
+
+from __future__ import annotations
+
+from random import Random
+
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.links.link import Link
+from automcm.links.radio_link import RadioLinks
+from automcm.links.table_radio import TableRadio
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_evaluation.framework.experiment import Values, columns
+from automcm_evaluation.framework.intervals import mean
+from automcm_evaluation.loss import loss_road
+from automcm_evaluation.loss.loss_tables import four_messages, three_exchanges
+from automcm_spec.vocabulary.parameters import Parameters
+
+STEP_MS = 100
+SAMPLES = 2000
+"""States of the channel over which a model is averaged."""
+FAR_APART_M = 1000.0
+"""Between two samples: they have no shadowing in common."""
+CAM_BYTES = 159
+"""In JSON (docs/messages.md)."""
+
+
+class OverRadio(Simulation):
+    """A simulation over a ``TableRadio``.
+
+    A station is where its application is; the second is ``apart_m`` further along the x axis, as
+    if the road were as long.  ``load`` is the offered load of other stations.
+    """
+
+    def __init__(self, *, seed: int, apart_m: float, load: float) -> None:
+        super().__init__(seed=seed)
+        self._apart_m = apart_m
+        self._links = RadioLinks(self.clock, TableRadio(seed, background=load), self._places)
+
+    def link(self, station_id: int) -> Link:
+        """As ``Simulation.link``."""
+        return self._links.link(station_id)
+
+    def _places(self) -> dict[int, tuple[float, float]]:
+        found = {}
+        for station_id, service in self.services.items():
+            at = service.application.kinematics(self.clock.now())
+            ahead = self._apart_m if station_id == 2 else 0.0
+            found[station_id] = (at.x_mm / 1000 + ahead, at.y_mm / 1000)
+        return found
+
+
+def session(t_timeout: int, seed: int, *, apart_m: float, load: float) -> bool:
+    """Whether a prescriber and an accepting receiver agree."""
+    simulation = OverRadio(seed=seed, apart_m=apart_m, load=load)
+    parameters = Parameters(t_timeout=t_timeout)
+    ends: list[str] = []
+
+    def observe(before: State, effects: Effects) -> None:
+        if before.bound and effects.state.phase in ("ACTUATING", "STANDALONE"):
+            ends.append(effects.state.phase)
+
+    for station_id in (1, 2):
+        simulation.add(
+            station_id,
+            Straight(concerned_by_all=station_id == 2, think_ms=1),
+            parameters,
+            observers=(observe,) if station_id == 1 else (),
+        )
+    simulation.request(1, 0)
+    until = 0
+    while not ends:
+        until += STEP_MS
+        simulation.run(until)
+    return ends[0] == "ACTUATING"
+
+
+def models(t_timeout: int, seed: int, *, apart_m: float, load: float) -> Values:
+    """The mean ``loss`` of a CAM, and what the models of a session expect: with this loss for
+    every copy (``even``), and with that of each state of the channel, which lasts as long as the
+    session (``lasting``)."""
+    radio = TableRadio(seed, background=load)
+    losses = []
+    for n in range(SAMPLES // 2):
+        x = n * FAR_APART_M
+        radio.move({1: (x, 0.0), 2: (x + apart_m, 0.0)})
+        losses += [1 - radio.arrives(a, b, CAM_BYTES) for a, b in ((1, 2), (2, 1))]
+    found: Values = {"loss": round(mean(losses), 5)}
+    for name, model in (("three", three_exchanges), ("four", four_messages)):
+        found[f"{name}_even"] = round(model(mean(losses), t_timeout), 5)
+        found[f"{name}_lasting"] = round(mean([model(loss, t_timeout) for loss in losses]), 5)
+    return found
+
+
+def block(values: Values, seed: int) -> Values:
+    """Sessions in one cell: how many ``agreed``, and what the models expect."""
+    random = Random(seed)
+    where = {"apart_m": values["distance_m"], "load": values["load"]}
+    agreed = sum(
+        session(values["t_timeout"], random.getrandbits(31), **where)
+        for _ in range(values["trials"])
+    )
+    return {"agreed": agreed} | models(values["t_timeout"], seed % 2**31, **where)
+
+
+def drives(values: Values, seed: int) -> Values:
+    """Drives in one cell, as in ``loss``: a list for each figure."""
+    random = Random(seed)
+    found = []
+    for _ in range(values["trials"]):
+        own = random.getrandbits(31)
+        simulation = OverRadio(seed=own, apart_m=values["distance_m"], load=values["load"])
+        found.append(
+            loss_road.drive(
+                values,
+                own,
+                beside_m=random.uniform(*values["beside_m"]),
+                signal_m=random.uniform(*values["signal_m"]),
+                simulation=simulation,
+            )
+        )
+    return columns(found)

@@ -1,0 +1,181 @@
+"""The tables of ``radio``: the fit, sessions and their models, drives, crowds."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen
+from automcm_evaluation.framework.intervals import mean, wilson
+from automcm_evaluation.loss.loss_tables import classes
+from automcm_evaluation.radio.radio_traffic import (
+    REACH_M,
+    WIDTH_M,
+    Measured,
+    Row,
+    ns3_measured,
+)
+
+POINTS = 3.0
+"""The largest difference between the table and ns-3 that is accepted, in per cent points."""
+BAND_M = 100
+ENOUGH = 1000
+"""Runs of losses of which the lengths are known well enough to compare them."""
+MODELS = {
+    "three_even": "KIN-7, even loss",
+    "three_lasting": "KIN-7, lasting states",
+    "four_even": "four messages, even loss",
+    "four_lasting": "four messages, lasting states",
+}
+TARGET = 0.68
+"""Of the channel busy ratio (dcc)."""
+
+
+def arrivals(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
+    """By distance: the share that arrives in ns-3 and by the table, in per cent."""
+    return [
+        {
+            "distance_m": a.distance_m,
+            "ns3": _percent(a.arrived, a.frames),
+            "table": _percent(b.arrived, b.frames),
+        }
+        for a, b in zip(ns3.rows, rows, strict=True)
+    ]
+
+
+def bursts(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
+    """By bands of BAND_M, likewise: ``again`` is how often the next frame of a pair is lost after a
+    loss, ``long`` how many runs of losses are long.  Bands with fewer than ENOUGH runs in ns-3 are
+    left out."""
+    found = []
+    for first in range(WIDTH_M, REACH_M + 1, BAND_M):
+        both = [_sum(part, first) for part in (ns3.rows, rows)]
+        if both[0].runs >= ENOUGH:
+            again = [_percent(row.next_lost, row.losses) for row in both]
+            long = [_percent(row.long_runs, row.runs) for row in both]
+            found.append(
+                {"distance_m": first, "last_m": first + BAND_M - WIDTH_M}
+                | {"again": again, "long": long}
+            )
+    return found
+
+
+def _sum(rows: Sequence[Row], first: int) -> Row:
+    own = [row for row in rows if first <= row.distance_m < first + BAND_M]
+    names = [name for name in Row.model_fields if name != "distance_m"]
+    return Row(distance_m=first, **{n: sum(getattr(row, n) for row in own) for n in names})
+
+
+def _percent(part: int, of: int) -> float:
+    return round(100 * part / max(of, 1), 2)
+
+
+def largest(pairs: Sequence[Sequence[float]]) -> float | None:
+    """The largest difference in points, and None if nothing was compared."""
+    return round(max((abs(a - b) for a, b in pairs), default=0.0), 2) if pairs else None
+
+
+def summary(cells: Sequence[Cell]) -> Values:
+    """``fit`` by traffic; ``sessions`` and ``road`` by t_timeout in ms, as text; ``crowds``."""
+    ns3 = {m.traffic.name: m for m in ns3_measured()}
+    fit = []
+    for cell in reversed(chosen(cells, part="fit")):
+        own = ns3[cell.values["traffic"]]
+        rows = [Row.model_validate(row) for row in cell.result["rows"]]
+        arrived, bands = arrivals(own, rows), bursts(own, rows)
+        fit.append(
+            {
+                "traffic": own.traffic.name,
+                "fitted": own.traffic.fitted,
+                "vehicles": own.traffic.vehicles,
+                "busy": [own.busy, cell.result["busy"]],
+                "rows": arrived,
+                "bands": bands,
+                "largest": {
+                    "arrived": largest([(row["ns3"], row["table"]) for row in arrived]),
+                    "again": largest([band["again"] for band in bands]),
+                    "long": largest([band["long"] for band in bands]),
+                },
+            }
+        )
+    points: dict[tuple[int, float, int], list[Cell]] = defaultdict(list)
+    for cell in chosen(cells, part="sessions"):
+        v = cell.values
+        points[v["t_timeout"], v["load"], v["distance_m"]].append(cell)
+    sessions = []
+    for (t_timeout, load, distance), some in sorted(points.items()):
+        agreed = sum(cell.result["agreed"] for cell in some)
+        trials = sum(cell.values["trials"] for cell in some)
+        low, high = wilson(agreed, trials)
+        sessions.append(
+            {
+                "t_timeout": t_timeout,
+                "load": load,
+                "distance_m": distance,
+                "trials": trials,
+                "agreed": agreed,
+                "share": round(agreed / trials, 5),
+                "low": round(low, 5),
+                "high": round(high, 5),
+            }
+            | {n: round(mean([c.result[n] for c in some]), 5) for n in ("loss", *MODELS)}
+        )
+    road = [
+        {"t_timeout": cell.values["t_timeout"], "distance_m": cell.values["distance_m"]}
+        | classes(0, [cell])
+        for cell in chosen(cells, part="road")
+    ]
+    return {
+        "fit": fit,
+        "sessions": sessions,
+        "deviation": {
+            name: round(max((abs(p[name] - p["share"]) for p in sessions), default=0.0), 5)
+            for name in MODELS
+        },
+        "road": road,
+        "crowds": [cell.values | cell.result for cell in reversed(chosen(cells, part="crowd"))],
+    }
+
+
+def claims(report: Values) -> list[Claim]:
+    """Further claims; the paper has none on a radio channel."""
+    found = report["summary"]
+    return [_fits(found), _sessions(found), _crowds(found)]
+
+
+def _fits(found: Values) -> Claim:
+    def worst(fitted: bool, what: str) -> float:
+        values = (f["largest"][what] for f in found["fit"] if f["fitted"] == fitted)
+        return max((value for value in values if value is not None), default=0.0)
+
+    all_ = [worst(fitted, what) for fitted in (True, False) for what in ("arrived", "again")]
+    return beyond(
+        f"the table is within {POINTS:g} points of ns-3 at every distance and load",
+        f"arrival: {all_[0]:.1f} points at most in the fitted traffics, {all_[2]:.1f} in others; "
+        f"a loss after a loss: {all_[1]:.1f} and {all_[3]:.1f}",
+        max(all_) <= POINTS,
+        "the sampling errors of both are included",
+    )
+
+
+def _sessions(found: Values) -> Claim:
+    of = found["deviation"]
+    return beyond(
+        "KIN-7 explains how many sessions agree over a radio channel",
+        f"with its even loss it differs by up to {of['three_even']:.0%}, with lasting states of "
+        f"the channel by up to {of['three_lasting']:.0%}; four messages without Acks by up to "
+        f"{of['four_even']:.0%} and {of['four_lasting']:.0%}",
+        of["three_even"] <= 0.1,
+        "shadowing lasts longer than a time-out, so that resending helps less",
+    )
+
+
+def _crowds(found: Values) -> Claim:
+    over = [row for row in found["crowds"] if not row["control"] and row["busy"] > TARGET]
+    first = min((row["per_km"] for row in over), default=None)
+    return beyond(
+        "congestion control is needed by CAMs at 10 Hz",
+        f"the channel busy ratio exceeds {TARGET} "
+        + ("in no crowd tried" if first is None else f"from {first} vehicles per km on"),
+        why="by the size of the CAMs; see the table",
+    )

@@ -1,0 +1,230 @@
+"""Vehicles that broadcast on a road, and what arrives over a radio: the measure of both radios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+
+from automcm.links.propagation import OfferedLoad, Propagation, airtime_us
+from automcm.links.radio import Radio, Reception
+
+STEP_MS = 100
+WARM_MS = 1000
+"""Before it, nothing is counted: nobody has measured a load."""
+LAST_MS = 600
+"""For the frames that still wait at the end."""
+WIDTH_M, REACH_M = 25, 500
+"""Rows are for distances at multiples of WIDTH_M, from half of it below to half of it above."""
+LANE_M = 3.5
+SPEEDS = (25.0, 35.0)
+"""m/s; every second vehicle drives in the other direction."""
+LONG = 3
+"""Losses in a row that count as a long run."""
+
+
+class MeasuredRadio(Radio, Protocol):
+    """A radio whose mean powers are known."""
+
+    propagation: Propagation
+
+
+class Traffic(BaseModel):
+    """Vehicles on a straight road of four lanes, which all send with the same period."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    per_km: float
+    seconds: int
+    """After WARM_MS."""
+    period_ms: int = 100
+    size_bytes: tuple[int, ...] = (150, 1300)
+    """Each frame has one of these sizes."""
+    shares: tuple[float, ...] = (0.9, 0.1)
+    road_m: float = 1200.0
+    fitted: bool = True
+    """Whether the table was fitted to it."""
+    jams: bool = False
+    """If set, all vehicles are in the first and in the last fifth of the road."""
+    seed: int = 1
+
+    @property
+    def vehicles(self) -> int:
+        """Their number."""
+        return round(self.per_km * self.road_m / 1000)
+
+
+class Row(BaseModel):
+    """The frames of the first size that were sent at about this distance."""
+
+    distance_m: int
+    frames: int
+    arrived: int
+    losses: int
+    """Those that have a next frame of the same pair."""
+    next_lost: int
+    """How often that was lost too."""
+    runs: int
+    """Runs of losses."""
+    long_runs: int
+    """Of at least LONG."""
+
+
+class Measured(BaseModel):
+    """What arrived of a traffic, and the mean channel busy ratio."""
+
+    traffic: Traffic
+    busy: float
+    rows: list[Row]
+
+
+MEASUREMENTS = TypeAdapter(list[Measured])
+NS3 = Path(__file__).with_name("radio_ns3.json")
+"""What ns-3 measured, by ``automcm_evaluation.radio.radio_fit``."""
+
+
+def ns3_measured() -> list[Measured]:
+    """The committed measurements of ns-3."""
+    return MEASUREMENTS.validate_json(NS3.read_bytes())
+
+
+@dataclass
+class Course:
+    """All frames of a run, and the vehicles at each step."""
+
+    step: np.ndarray[tuple[int], np.dtype[np.intp]]
+    sender: np.ndarray[tuple[int], np.dtype[np.intp]]
+    size: np.ndarray[tuple[int], np.dtype[np.intp]]
+    """An index into ``Traffic.size_bytes``."""
+    hits: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+    """By frame and receiver."""
+    delay_ms: np.ndarray[tuple[int], np.dtype[np.intp]]
+    """Of each frame at the first receiver; -1 if nobody received it."""
+    distance_m: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]
+    """By step, sender and receiver; as ``mean_dbm``."""
+    mean_dbm: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]
+    share: np.ndarray[tuple[int, int], np.dtype[np.float32]]
+    """The offered load by step and receiver."""
+    busy: np.ndarray[tuple[int, int], np.dtype[np.float32]]
+    """The channel busy ratio, likewise."""
+
+
+def positions(traffic: Traffic) -> Iterator[dict[int, tuple[float, float]]]:
+    """Of each step; a vehicle that leaves the road enters it again at the other end."""
+    random = np.random.default_rng((traffic.seed, 9))
+    n, road = traffic.vehicles, traffic.road_m
+    x = random.random(n) * road
+    if traffic.jams:
+        x = np.where(x < road / 2, x * 0.4, road - (road - x) * 0.4)
+    speed = random.uniform(*SPEEDS, n) * (0.0 if traffic.jams else 1.0)
+    speed[1::2] *= -1
+    while True:
+        yield {i + 1: (float(x[i]), LANE_M * (i % 4)) for i in range(n)}
+        x = (x + speed * STEP_MS / 1000) % road
+
+
+def drive(radio: MeasuredRadio, traffic: Traffic) -> Course:
+    """Run the traffic over a radio."""
+    random = np.random.default_rng((traffic.seed, 8))
+    n, offered = traffic.vehicles, OfferedLoad()
+    airtimes = [airtime_us(size) for size in traffic.size_bytes]
+    phase = random.integers(traffic.period_ms, size=n)
+    steps = (WARM_MS + 1000 * traffic.seconds) // STEP_MS
+    sent: list[tuple[int, int, int, int]] = []
+    received: list[Reception] = []
+    distances, powers, shares, busy = [], [], [], []
+    for step, places in zip(range(steps), positions(traffic), strict=False):
+        radio.move(places)
+        propagation = radio.propagation
+        offered.enter(list(range(n)) if step == 0 else [], n)
+        due = [
+            (at, i)
+            for again in range(0, STEP_MS, traffic.period_ms)
+            for i, at in enumerate(phase + step * STEP_MS + again)
+        ]
+        sizes = random.choice(len(airtimes), size=len(due), p=traffic.shares)
+        for (at, i), size in zip(sorted(due), sizes, strict=True):
+            radio.transmit(i + 1, traffic.size_bytes[size], int(at), len(sent))
+            offered.add(i, propagation.mean_dbm[i], airtimes[size])
+            sent.append((step, i, int(size), int(at)))
+        distances.append(propagation.distances().astype(np.float32))
+        powers.append(propagation.mean_dbm.astype(np.float32))
+        shares.append(offered.share.astype(np.float32))
+        received += radio.advance((step + 1) * STEP_MS)
+        offered.advance((step + 1) * STEP_MS)
+        busy.append([radio.channel_busy_ratio(i + 1) for i in range(n)])
+    received += radio.advance(steps * STEP_MS + LAST_MS)
+    frames = np.array(sent)
+    hits = np.zeros((len(sent), n), dtype=np.bool_)
+    delay = np.full(len(sent), -1)
+    if received:
+        at, frame, receiver = np.array(received).T
+        hits[frame, receiver - 1] = True
+        delay[frame] = at - frames[frame, 3]
+    return Course(
+        step=frames[:, 0],
+        sender=frames[:, 1],
+        size=frames[:, 2],
+        hits=hits,
+        delay_ms=delay,
+        distance_m=np.array(distances),
+        mean_dbm=np.array(powers),
+        share=np.array(shares),
+        busy=np.array(busy, dtype=np.float32),
+    )
+
+
+def measured(traffic: Traffic, course: Course) -> Measured:
+    """What arrived by distance, of the frames after WARM_MS."""
+    bins = REACH_M // WIDTH_M + 1
+    counts = np.zeros((6, bins), dtype=np.int64)
+    kept = (course.step >= WARM_MS // STEP_MS) & (course.size == 0)
+    for sender in range(traffic.vehicles):
+        (own,) = np.nonzero(kept & (course.sender == sender))
+        apart = np.delete(course.distance_m[course.step[own], sender], sender, axis=1)
+        place = np.floor(apart / WIDTH_M + 0.5).astype(np.intp)
+        place[place >= bins] = 0  # row 0 is not reported
+        lost = ~np.delete(course.hits[own], sender, axis=1)
+        begins = np.concatenate([lost[:1], lost[1:] & ~lost[:-1]])
+        long = begins[: 1 - LONG].copy()
+        for more in range(1, LONG):
+            long &= lost[more : len(lost) - LONG + 1 + more]
+        within = begins[: 1 - LONG]  # a run that begins later may be cut off
+        for row, which in enumerate(
+            (np.ones_like(lost), ~lost, lost[:-1], lost[:-1] & lost[1:], within, long)
+        ):
+            counts[row] += np.bincount(place[: len(which)][which], minlength=bins)
+    rows = [
+        Row(
+            distance_m=bin_ * WIDTH_M,
+            frames=int(c[0]),
+            arrived=int(c[1]),
+            losses=int(c[2]),
+            next_lost=int(c[3]),
+            runs=int(c[4]),
+            long_runs=int(c[5]),
+        )
+        for bin_, c in enumerate(counts.T)
+        if bin_ and c[0]
+    ]
+    busy = float(course.busy[WARM_MS // STEP_MS :].mean())
+    return Measured(traffic=traffic, busy=round(busy, 4), rows=rows)
+
+
+def pooled(parts: Sequence[Measured]) -> Measured:
+    """Several runs of one traffic, with different seeds, as one."""
+    rows = []
+    for same in zip(*(part.rows for part in parts), strict=True):
+        sums = {
+            name: sum(getattr(row, name) for row in same)
+            for name in Row.model_fields
+            if name != "distance_m"
+        }
+        rows.append(Row(distance_m=same[0].distance_m, **sums))
+    busy = sum(part.busy for part in parts) / len(parts)
+    return Measured(traffic=parts[0].traffic, busy=round(busy, 4), rows=rows)

@@ -1,0 +1,143 @@
+"""An intersection without signals: a left turn across the oncoming traffic."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from automcm.kernels.road_line import RoadLine
+from automcm.scenarios import occupancy
+from automcm.scenarios.occupancy import Perception, Track
+from automcm.scenarios.ramp_merge import BRAKE
+from automcm.scenarios.road import LANE_WIDTH, Vehicle
+from automcm.service.application import heard_by
+from automcm_evaluation.traffic.mover import RoadUser
+from automcm_evaluation.traffic.traffic import Traffic
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
+from automcm_evaluation.traffic_scenarios.stream import counted, stream
+from automcm_evaluation.traffic_scenarios.yielding import Yielding
+
+SCENARIO = "left_turn"
+TURNING, ONCOMING = ("from_west", "to_north"), ("from_east", "to_west")
+PLACE = (600.1, 1.75)
+"""Where the two ways cross (networks/intersection.nod.xml)."""
+LINE = RoadLine([(2000.0, PLACE[1]), (0.0, PLACE[1])])
+"""The way of the oncoming vehicles."""
+REACH_M = 4.5
+"""The ways are in conflict so far before and behind the place."""
+TURN_M_S, TOWN_M_S = 5.0, (11.0, 13.5)
+FASTEST_M_S, SPEEDS_UP = 13.9, 2.6
+"""Oncoming vehicles may reach this speed with this acceleration, m/s²: SUMO's drivers."""
+APART_S = 1.5
+ASKS_M = 60.0
+
+
+def earliest(way: float, speed: float) -> float:
+    """When an oncoming vehicle may arrive at the earliest, s."""
+    if way <= 0:
+        return 0.0
+    a = SPEEDS_UP
+    return max(way / FASTEST_M_S, (math.sqrt(speed**2 + 2 * a * way) - speed) / a)
+
+
+class LeftTurn(Yielding):
+    """Waits before the place unless nobody comes, or whoever comes first has agreed to yield."""
+
+    def __init__(self, vehicle: Vehicle, turns: bool, sees: Perception) -> None:
+        super().__init__(vehicle, SCENARIO, PLACE)
+        self._turns, self._sees = turns, sees
+        self._goes = False
+
+    def _through_s(self, way: float, speed: float) -> float:
+        """The time until its rear has left the conflict, s; at most at the speed of the turn."""
+        left, a = way + REACH_M + self.vehicle.length, self.vehicle.driving.acceleration
+        return max(left / TURN_M_S, (math.sqrt(speed**2 + 2 * a * left) - speed) / a)
+
+    def _oncoming(self) -> list[Track]:
+        now = self.service.now()
+        seen = self._sees(LINE.xy, now, now)
+        heard = heard_by(self.service) or ()
+        known = occupancy.tracks(heard, seen, (), None, now, LINE)
+        return [t for t in known if abs(t.y) < LANE_WIDTH / 2 and t.vx > -1.0]
+
+    def _free(self, way: float) -> bool:
+        """Whether nobody arrives before it is through."""
+        at, needed = (
+            float(LINE.project([PLACE]).s[0]),
+            self._through_s(way, self.vehicle.speed) + APART_S,
+        )
+        promised = self.promised_ms()
+        known = self._oncoming()
+        target = next((t for t in known if promised and t.station_id == self.target), None)
+        for track in known:
+            left = at - REACH_M - track.length / 2 - track.x
+            if left < -2 * REACH_M - track.length or (target and track.x < target.x):
+                continue  # it has passed, or is behind the target
+            arrives = earliest(left, track.vx)
+            if track is target and promised:
+                arrives = max(arrives, (promised - self.service.now()) / 1000)
+            if arrives < needed:
+                return False
+        return True
+
+    def _held(self, now_ms: int) -> float | None:
+        way = self.way(PLACE) if self._turns else None
+        if way is None or way < REACH_M - 1.0:
+            return None
+        v, left = self.vehicle, way - REACH_M
+        if v.speed**2 < 2 * BRAKE * max(left, 0.1) or v.speed < 0.5:
+            self._goes = self._free(way)  # until it could no longer stop
+        return None if self._goes else left
+
+    def _wanted(self, now_ms: int) -> tuple[int, int] | None:
+        way = self.way(PLACE) if self._turns else None
+        if way is None or way > ASKS_M or self._goes:
+            return None
+        begins = round(1000 * way / max(self.vehicle.speed, TURN_M_S))
+        through_s = self._through_s(way, self.vehicle.speed)
+        return now_ms + begins, now_ms + round(1000 * (through_s + 2 * APART_S))
+
+    def _until(self, window: tuple[int, int], arrives_ms: int) -> int:
+        """The vehicles before the target pass first; then this one starts from a stand."""
+        slot_s = self._through_s(REACH_M, 0.0) + 2 * APART_S
+        return max(window[1], arrives_ms + round(1000 * slot_s))
+
+    def _through(self, now_ms: int) -> bool:
+        v = self.vehicle
+        rear = v.s - v.length / 2 - float(v.line.project([PLACE]).s[0])
+        return rear > REACH_M or super()._through(now_ms)
+
+
+@dataclass(frozen=True)
+class Intersection:
+    """A third of the vehicles turn left, the others come towards them."""
+
+    name: str = "intersection"
+    network: str = "intersection"
+
+    def users(self, setting: Setting) -> list[RoadUser]:
+        """As ``Scenario.users``."""
+        numbers = list(range(1, setting.vehicles + 1))
+        on = partial(stream, setting, lane=0, gap_m=1000 / setting.density, desired=TOWN_M_S)
+        oncoming = [n for n in numbers if n % 3]
+        return on(oncoming, route=ONCOMING, first_m=1320.0) + on(
+            numbers[2::3], route=TURNING, first_m=480.0
+        )
+
+    def driver(self, user: RoadUser, vehicle: TrafficVehicle, sees: Perception) -> LeftTurn:
+        """As ``Scenario.driver``."""
+        return LeftTurn(vehicle, user.route == TURNING, sees)
+
+    def begin(self, traffic: Traffic) -> None:
+        """As ``Scenario.begin``: nothing."""
+
+    def outcome(self, traffic: Traffic) -> dict[str, Any]:
+        """As ``Scenario.outcome``."""
+        turning = [user.number for user in traffic.users.values() if user.route == TURNING]
+        bodies = traffic.mover.bodies()
+        over = sum(n not in bodies or bodies[n].y > PLACE[1] + REACH_M for n in turning)
+        words = ("requests", "asks nobody", "accepts to yield", "refuses to yield", "is through")
+        return {"turn left": len(turning), "have turned": over} | counted(traffic, words)

@@ -1,0 +1,87 @@
+"""Runs a scenario in SUMO's traffic: ``automcm simulate traffic`` and experiments use it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from automcm.encoding.codec import codec
+from automcm.links.radio import Radio
+from automcm_evaluation.traffic.mover import TrafficError
+from automcm_evaluation.traffic.seen_from_above import Frames
+from automcm_evaluation.traffic.sumo_mover import SumoMover
+from automcm_evaluation.traffic.traffic import Traffic
+from automcm_evaluation.traffic.traffic_medium import EvenRadio
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_spec.support import scratch
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One run: the name of its scenario, its setting, its radio and its codec."""
+
+    scenario: str
+    setting: Setting = field(default_factory=Setting)
+    radio: Literal["even", "table"] = "even"
+    loss: float = 0.0
+    """Of the radio ``even``."""
+    codec: str = "json"
+
+    def __post_init__(self) -> None:
+        if self.scenario not in SCENARIOS:
+            raise ValueError(f"scenario must be one of {', '.join(SCENARIOS)}, not {self.scenario}")
+        if not 0 <= self.loss <= 1:
+            raise ValueError(f"loss must be from 0 to 1, not {self.loss}")
+
+    def drive(
+        self,
+        *,
+        logs: Path | None = None,
+        frames: Frames | None = None,
+        gui: bool = False,
+        progress: Callable[[int], None] = lambda now_ms: None,
+    ) -> Traffic:
+        """Run it to its end.  Raises TrafficError, for example without SUMO.
+
+        ``frames`` takes the positions of all road users; ``progress`` gets the simulated time.
+        """
+        scenario, setting = SCENARIOS[self.scenario], self.setting
+        users = scenario.users(setting)
+        with scratch.folder("traffic") as folder:
+            mover = SumoMover(users, scenario.network, folder, setting.seed, gui)
+            try:
+                traffic = Traffic(
+                    scenario,
+                    setting,
+                    mover,
+                    users,
+                    self._radio(),
+                    logs=logs,
+                    codec=codec(self.codec),
+                    observe=frames.add if frames is not None else lambda traffic: None,
+                )
+                traffic.run(progress)
+            finally:
+                mover.close()
+        return traffic
+
+    def record(self, traffic: Traffic) -> dict[str, Any]:
+        """What was run, and its statistics, for JSON."""
+        radio = {"radio": self.radio} | ({"loss": self.loss} if self.radio == "even" else {})
+        settings = {"scenario": self.scenario, **asdict(self.setting), **radio, "codec": self.codec}
+        return {"setting": settings, **traffic.record()}
+
+    def _radio(self) -> Radio:
+        seed = self.setting.seed
+        if self.radio == "even":
+            return EvenRadio(self.loss, seed)
+        try:
+            table = import_module("automcm.links.table_radio")
+        except ModuleNotFoundError:
+            raise TrafficError("this version has no table radio: choose --loss") from None
+        radio: Radio = table.TableRadio(seed=seed)
+        return radio

@@ -1,0 +1,131 @@
+"""Stations in the traffic of a real SUMO (``automcm simulate traffic``).
+
+    python reference/tests/foreign_traffic.py [SEEDS]
+
+Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so.  SEEDS:
+short drives of each scenario (default: 2).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from automcm_evaluation.traffic.mover import TrafficError
+from automcm_evaluation.traffic.sumo_mover import sumo_home
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_evaluation.traffic_scenarios.traffic_run import Run
+from automcm_traces.explain.explain import explain_files
+
+SECONDS = 30.0
+
+
+def drawn(name: str, seed: int) -> Run:
+    """A short drive of this scenario; everything else is drawn by the seed."""
+    draw = Random(f"{name}/{seed}")
+    setting = Setting(
+        seed=seed,
+        vehicles=draw.randint(8, 20),
+        density=draw.choice((20, 40, 60, 80)),
+        penetration=draw.choice((0.3, 0.6, 1.0)),
+        duration_s=SECONDS,
+    )
+    return Run(scenario=name, setting=setting, loss=draw.choice((0.0, 0.2, 0.4, 0.6)))
+
+
+def wrong(record: dict[str, Any]) -> list[Any]:
+    """What must not happen, and did."""
+    collisions = record["collisions"]
+    found = [c for c in collisions["list"] if c["equipped"] == 2 or c["maneuver"]]
+    return found + (record["hazards"] or {"wrong": []})["wrong"]
+
+
+def nothing_bad_happens(seeds: int) -> None:
+    for name in SCENARIOS:
+        agreed = 0
+        for seed in range(seeds):
+            run = drawn(name, seed)
+            record = run.record(run.drive())
+            agreed += record["sessions"]["agreed"]
+            assert not wrong(record), (name, seed, wrong(record))
+        print(f"        {name}: {seeds} drives, {agreed} agreements, nothing bad")
+
+
+def a_run_repeats_byte_for_byte(seeds: int) -> None:
+    run = drawn("lane-change", 1)
+    with tempfile.TemporaryDirectory() as folder:
+        found = []
+        for name in "ab":
+            logs = Path(folder, name)
+            record = run.record(run.drive(logs=logs))
+            found.append((json.dumps(record), [p.read_bytes() for p in sorted(logs.iterdir())]))
+        assert found[0] == found[1]
+
+
+def every_log_is_allowed(seeds: int) -> None:
+    run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
+    with tempfile.TemporaryDirectory() as folder:
+        traffic = run.drive(logs=Path(folder))
+        assert traffic.stations.completed, "there is a maneuver to judge"
+        verdicts = explain_files(sorted(Path(folder).glob("*.ndjson")))
+        assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 10, verdicts
+
+
+def a_prescription_is_driven_and_not_teleported(seeds: int) -> None:
+    """Nobody moves further in a step than its speed allows, along or to the side."""
+    run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
+    last: dict[int, tuple[float, float]] = {}
+    far: list[tuple[int, float, float]] = []
+
+    class Watch:
+        def add(self, traffic: Any) -> None:
+            for number, body in traffic.mover.bodies().items():
+                if number in last:
+                    x, y = last[number]
+                    if abs(body.x - x) > 0.1 * body.speed + 0.5 or abs(body.y - y) > 0.15:
+                        far.append((number, body.x - x, body.y - y))
+                last[number] = body.x, body.y
+
+    traffic = run.drive(frames=Watch())  # type: ignore[arg-type]
+    assert not far and traffic.record()["outcome"]["has changed lanes"] > 0, far
+
+
+CHECKS: tuple[Callable[[int], None], ...] = (
+    a_run_repeats_byte_for_byte,
+    every_log_is_allowed,
+    a_prescription_is_driven_and_not_teleported,
+    nothing_bad_happens,
+)
+
+
+def main() -> int:
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 2
+    try:
+        sumo_home()
+    except TrafficError as error:
+        print(f"SKIPPED: stations in traffic: {error}")
+        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
+        return 0
+    failed = 0
+    for check in CHECKS:
+        name = check.__name__.replace("_", " ")
+        try:
+            check(seeds)
+            print(f"ok      {name}", flush=True)
+        except Exception as error:
+            failed += 1
+            where = traceback.extract_tb(error.__traceback__)[1]
+            print(f"FAILED  {name}, line {where.lineno}: {error!r}", flush=True)
+    print(f"{len(CHECKS) - failed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

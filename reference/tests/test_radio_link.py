@@ -1,0 +1,173 @@
+"""Services over a ``Radio``, and congestion control."""
+
+from __future__ import annotations
+
+import pytest
+
+from automcm.links.clock import VirtualClock
+from automcm.links.radio import LARGEST_BYTES
+from automcm.links.radio_link import (
+    ALPHA,
+    BETA,
+    DOWN,
+    LIFETIME_MS,
+    LONGEST_MS,
+    SHORTEST_MS,
+    TARGET,
+    UP,
+    GateKeeper,
+    RadioLinks,
+)
+from automcm.links.table_radio import TableRadio
+from automcm_evaluation.radio import radio_crowd, radio_sessions
+from automcm_spec.vocabulary.messages import BROADCAST
+
+PLACES = {1: (0.0, 0.0), 2: (20.0, 0.0), 3: (20.0, 3.5)}
+
+
+def joined(
+    places: dict[int, tuple[float, float]] | None = None, *, control: bool = False
+) -> tuple[VirtualClock, RadioLinks, list[tuple[int, int, bytes]]]:
+    clock = VirtualClock()
+    now = PLACES if places is None else places
+    links = RadioLinks(clock, TableRadio(1), lambda: now, congestion_control=control)
+    received: list[tuple[int, int, bytes]] = []
+    for station in PLACES:
+
+        def receive(data: bytes, tx: str | None, station: int = station) -> None:
+            received.append((clock.now(), station, data))
+
+        links.link(station).open(receive)
+    clock.run(0)
+    return clock, links, received
+
+
+def test_a_broadcast_reaches_all_and_a_message_its_addressee() -> None:
+    clock, links, received = joined()
+    links._send(links_frame(1, BROADCAST, b"all"))
+    clock.run(20)
+    assert {(station, data) for _, station, data in received} == {(2, b"all"), (3, b"all")}
+    received.clear()
+    links._send(links_frame(1, 3, b"one"))
+    clock.run(40)
+    assert [(station, data) for _, station, data in received] == [(3, b"one")]
+    assert all(20 < at <= 30 for at, _, _ in received)
+
+
+def links_frame(src: int, to: int, data: bytes) -> object:
+    from automcm.links.radio_link import _Frame
+
+    return _Frame(src, to, "1:1", data)
+
+
+def test_what_no_frame_holds_and_who_has_no_place_is_lost_and_counted() -> None:
+    places = dict(PLACES)
+    clock, links, received = joined(places)
+    links._send(links_frame(1, BROADCAST, bytes(LARGEST_BYTES + 1)))
+    del places[1]
+    clock.run(100)
+    links._send(links_frame(1, BROADCAST, b"gone"))
+    clock.run(200)
+    assert links.lost == 2 and received == [] and not links.sent
+
+
+def test_a_station_has_one_link_and_none_after_closing_it() -> None:
+    _, links, _ = joined()
+    with pytest.raises(ValueError, match="station_id 1 has a link already"):
+        links.link(1)
+    clock = VirtualClock()
+    links = RadioLinks(clock, TableRadio(1), lambda: PLACES)
+    one = links.link(1)
+    one.close()
+    one.send(b"late", BROADCAST, "1:1")
+    clock.run(50)
+    assert not links.sent
+
+
+def test_a_closed_gate_delays_frames_and_drops_old_ones() -> None:
+    clock, links, _ = joined(control=True)
+    links._gates[1].share = 0.0006
+    for _ in range(3):
+        links._send(links_frame(1, 2, b"x" * 150))
+    clock.run(1000 + LIFETIME_MS)
+    assert links.sent[1] == 1 and links.lost == 2
+
+
+def test_a_frame_whose_sender_leaves_while_it_waits_is_not_sent() -> None:
+    places = dict(PLACES)
+    clock, links, _ = joined(places, control=True)
+    for _ in range(2):
+        links._send(links_frame(1, 2, b"x"))
+    del places[1]
+    clock.run(500)
+    assert links.sent[1] == 1
+
+
+def test_a_share_changes_by_limited_steps() -> None:
+    falls, grows = GateKeeper(), GateKeeper()
+    before = falls.share * (1 - ALPHA)
+    falls.update(1.0, 0)
+    grows.update(0.0, 0)
+    assert falls.share == pytest.approx(before + DOWN)
+    assert grows.share == pytest.approx(before + UP)
+
+
+def test_the_gate_is_closed_for_at_least_25_ms_and_at_most_a_second() -> None:
+    gate = GateKeeper()
+    gate.sent(1.0, 100)
+    assert gate.opens_ms() == 100 + SHORTEST_MS
+    gate.share = 0.0006
+    gate.sent(2000.0, 200)
+    assert gate.opens_ms() == 200 + LONGEST_MS
+    gate.share = 0.01
+    gate.sent(500.0, 2000)
+    assert gate.opens_ms() == pytest.approx(2050)
+
+
+def test_a_changed_share_moves_the_opening_of_a_closed_gate() -> None:
+    """B.2: the rest of the time is scaled to the new share."""
+    gate = GateKeeper()
+    gate.share = 0.01
+    gate.sent(1000.0, 0)
+    assert gate.opens_ms() == pytest.approx(100)
+    gate.update(1.0, 50)
+    assert gate.share < 0.01
+    assert gate.opens_ms() == pytest.approx(50 + 1.0 / gate.share * 0.5)
+
+
+def test_the_share_settles_where_its_growth_and_decay_are_equal() -> None:
+    for busy in (0.3, 0.6, 0.66):
+        gate = GateKeeper()
+        for n in range(3000):
+            gate.update(busy, n * 200)
+        assert gate.share == pytest.approx(BETA * (TARGET - busy) / ALPHA, rel=1e-6)
+
+
+@pytest.mark.parametrize("busy", [-0.1, 1.1])
+def test_another_busy_ratio_is_refused(busy: float) -> None:
+    with pytest.raises(ValueError, match="the channel busy ratio must be from 0 to 1"):
+        GateKeeper().update(busy, 0)
+
+
+def test_near_stations_agree_and_far_ones_do_not() -> None:
+    near = [radio_sessions.session(1000, n, apart_m=25.0, load=0.0) for n in range(5)]
+    assert all(near)
+    assert not radio_sessions.session(1000, 1, apart_m=2000.0, load=0.0)
+    with_load = [radio_sessions.session(0, n, apart_m=350.0, load=0.6) for n in range(10)]
+    assert not all(with_load)
+
+
+def test_the_models_are_those_of_even_loss_where_nothing_varies() -> None:
+    near = radio_sessions.models(1000, 1, apart_m=10.0, load=0.0)
+    assert near["three_even"] == pytest.approx(near["three_lasting"], abs=0.002)
+    far = radio_sessions.models(1000, 1, apart_m=400.0, load=0.0)
+    assert far["loss"] > 0.4 and far["three_even"] > far["three_lasting"] + 0.05
+
+
+@pytest.mark.slow
+def test_congestion_control_makes_a_full_channel_less_busy() -> None:
+    values = {"per_km": 200, "size_bytes": 800, "run_ms": 6000}
+    without = radio_crowd.crowd(values | {"control": False}, 1)
+    with_it = radio_crowd.crowd(values | {"control": True}, 1)
+    assert without["per_s"] == pytest.approx(10, abs=0.1)
+    assert with_it["busy"] < without["busy"] - 0.05 and with_it["per_s"] < without["per_s"]

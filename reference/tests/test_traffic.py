@@ -1,0 +1,342 @@
+"""Stations in traffic, without SUMO: the loop, the radio's links, perception and measures."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from traffic_stage import TWO, RoadMover, traffic
+
+from automcm.encoding.codec import JSON
+from automcm.kernels.trajectory import Trajectory
+from automcm.links.clock import VirtualClock
+from automcm.links.radio import LARGEST_BYTES
+from automcm.scenarios.lane_change import LaneChange
+from automcm.service.service import McService
+from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
+from automcm_evaluation.traffic.seen_from_above import Frames
+from automcm_evaluation.traffic.shared_codec import SharedCodec
+from automcm_evaluation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
+from automcm_evaluation.traffic.traffic_medium import EvenRadio, Medium
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic.traffic_service import TrafficService
+from automcm_evaluation.traffic.traffic_vehicle import Sight
+from automcm_evaluation.traffic_scenarios.traffic_run import Run
+from automcm_spec.vocabulary.messages import BROADCAST, Cam, MessageError
+
+CAR = RoadUser(number=1, route=("road",), lane=0, at_m=0.0, speed=20.0, desired=25.0, equipped=True)
+
+
+def test_vehicles_agree_and_change_lanes_as_the_mover_drives_them() -> None:
+    made, mover = traffic(seed=3, vehicles=8)
+    made.run()
+    record = made.record()
+    assert record["collisions"]["all"] == 0 and record["hazards"]["wrong"] == []
+    sessions = record["sessions"]
+    assert sessions["requested"] >= sessions["agreed"] >= sessions["completed"] > 0
+    assert sessions["ended"].get("abort", 0) == record["outcome"]["gives up"]
+    assert record["outcome"]["has changed lanes"] > 0
+    for number, vehicle in made.vehicles.items():
+        assert vehicle.s == mover.bodies()[number].x, "the application sees where the mover is"
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    logs, records = [], []
+    for name in "ab":
+        made, _ = traffic(seed=5, vehicles=4, loss=0.3, duration_s=8, logs=tmp_path / name)
+        made.run()
+        records.append(json.dumps(made.record()))
+        logs.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
+    assert logs[0] == logs[1] and len(logs[0]) == 4 and records[0] == records[1]
+
+
+def test_a_log_leaves_out_cams_that_cannot_count(tmp_path: Path) -> None:
+    made, _ = traffic(seed=3, vehicles=6, duration_s=15, logs=tmp_path)
+    made.run()
+    records = [json.loads(line) for line in (tmp_path / "1.ndjson").read_text().splitlines()]
+    cams = [r for r in records if r.get("ev") == "receive" and r["message"]["type"] == "CAM"]
+    heard = made.stations.services[1].statistics.received["CAM"]
+    assert all(record["phase"] == "ACTUATING" for record in cams) and len(cams) < heard / 2
+    assert heard > 500
+
+
+def test_cams_taken_in_short_change_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for _ in range(2):
+        made, _ = traffic(seed=3, vehicles=6, loss=0.2, duration_s=12)
+        made.run()
+        stories = {n: driver.story for n, driver in made.drivers.items()}  # type: ignore[attr-defined]
+        services = made.stations.services.items()
+        statistics = {n: s.statistics.as_dict() | {"latest_ms": 0} for n, s in services}
+        heard = {n: dict(s.neighbours) for n, s in services}
+        found.append((made.record(), stories, statistics, heard))
+        monkeypatch.setattr(TrafficService, "receive", McService.receive)
+    assert found[0] == found[1] and found[0][0]["sessions"]["agreed"] > 0
+
+
+def test_who_leaves_the_road_is_off_the_air() -> None:
+    made, mover = traffic(vehicles=3, duration_s=3)
+    made.clock.at(1000, lambda: mover.gone.add(2))
+    made.run()
+    before = made.stations.services[1].neighbours[2].received_ms
+    assert 900 < before < 1200 and made.stations.down == {2}
+
+
+def test_only_equipped_vehicles_have_a_station() -> None:
+    made, _ = traffic(seed=2, vehicles=20, penetration=0.5, duration_s=1)
+    equipped = {n for n, user in made.users.items() if user.equipped}
+    assert set(made.stations.services) == equipped and 4 < len(equipped) < 16
+    assert traffic(vehicles=3, penetration=0)[0].stations.services == {}
+
+
+def test_a_road_side_unit_is_a_station_that_stands() -> None:
+    made, _ = traffic(vehicles=2, duration_s=2)
+    unit = LaneChange(replace(made.vehicles[1], station_id=99))
+    made.add_road_side(99, 100.0, 5.0, unit)
+    made.run()
+    assert 99 in made.stations.services[1].neighbours
+
+
+def test_a_control_drives_the_prescribed_speeds_within_its_limits() -> None:
+    made, _ = traffic(vehicles=1, duration_s=1)
+    vehicle = made.vehicles[1]
+    vehicle.speed = 20.0
+    times, xy = np.array([1.0, 2.0, 3.0]), np.array([(0.0, 0.0), (19.0, 0.0), (29.0, 0.0)])
+    vehicle.follow(Trajectory(times, xy))
+    found = [vehicle.set_speed(now_s) for now_s in (0.9, 1.0, 2.0, 3.0)]
+    assert found[1:3] == pytest.approx([20.0 - 0.1, 20.0 - 0.2]) and found[0] is found[3] is None
+    vehicle.speed = 5.0
+    assert vehicle.set_speed(1.0) == pytest.approx(5.0 + 0.15)
+
+
+def test_the_mover_gets_the_prescribed_speed_of_a_receiver() -> None:
+    made, mover = traffic(seed=3, vehicles=8)
+    told: list[tuple[int, float]] = []
+    control = mover.control
+
+    def watch(number: int, speed: float | None, aside: float) -> None:
+        control(number, speed, aside)
+        if speed is not None:
+            told.append((number, speed))
+
+    mover.control = watch  # type: ignore[method-assign]
+    made.run()
+    assert {number for number, _ in told} <= set(made.users) and len(told) > 20
+
+
+# -- the radio
+
+
+def medium(radio: Any = None) -> tuple[Medium, VirtualClock, dict[int, list[tuple[int, bytes]]]]:
+    clock = VirtualClock()
+    made = Medium(radio or EvenRadio(0.0, 1), clock)
+    got: dict[int, list[tuple[int, bytes]]] = {1: [], 2: [], 3: []}
+    for station, heard in got.items():
+        made.link(station).open(lambda data, tx, heard=heard: heard.append((clock.now(), data)))  # type: ignore[misc]
+    made.move({station: (float(station), 0.0) for station in got})
+    return made, clock, got
+
+
+def test_a_frame_reaches_everybody_and_a_message_its_addressee() -> None:
+    made, clock, got = medium()
+    made.link(1).send(b"all", BROADCAST, "1:1")
+    made.link(1).send(b"two", 2, "1:2")
+    clock.run(200)
+    assert [data for _, data in got[1]] == []
+    assert sorted(data for _, data in got[2]) == [b"all", b"two"]
+    assert [data for _, data in got[3]] == [b"all"]
+    assert made.longest_ms == max(at for heard in got.values() for at, _ in heard) <= 40
+
+
+def test_a_message_that_no_frame_holds_is_lost_and_counted() -> None:
+    made, clock, got = medium()
+    made.link(1).send(bytes(LARGEST_BYTES + 1), BROADCAST, "1:1")
+    made.link(1).send(bytes(LARGEST_BYTES), BROADCAST, "1:2")
+    clock.run(200)
+    assert made.too_long == 1 and len(got[2]) == 1
+
+
+def test_who_has_no_place_does_not_send() -> None:
+    made, clock, got = medium()
+    made.move({2: (0.0, 0.0), 3: (0.0, 0.0)})
+    made.link(1).send(b"x", BROADCAST, "1:1")
+    clock.run(200)
+    assert got[2] == []
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3, 1.0])
+def test_the_even_radio_loses_its_share(loss: float) -> None:
+    radio = EvenRadio(loss, 7)
+    radio.move({n: (0.0, 0.0) for n in range(1, 102)})
+    for frame in range(20):
+        radio.transmit(1, 100, frame, frame)
+    found = radio.advance(200)
+    assert abs(len(found) / 2000 - (1 - loss)) < 0.03 and found == sorted(found)
+    assert radio.advance(300) == []
+
+
+# -- perception
+
+
+def test_sight_ends_at_its_range_and_leaves_out_itself() -> None:
+    users = {n: replace(CAR, number=n, length=4.0 + n) for n in (1, 2, 3)}
+    sight = Sight(users, 100.0)
+    sight.look(
+        {
+            1: Body(0, 0, 0, 20, 0),
+            2: Body(99, 3.5, math.pi / 2, 10, 0),
+            3: Body(101, 0, 0, 20, 0),
+        }
+    )
+    (seen,) = sight.of(1)(np.zeros((3, 2)), 0, 0)
+    assert (seen.x, seen.y, seen.length, seen.sigma) == (99, 3.5, 6.0, 0.0)
+    assert abs(seen.vx) < 1e-9 and seen.vy == pytest.approx(10)
+    assert sight.seen(9) == []
+
+
+# -- measures
+
+
+SIZE = np.array([(4.5, 1.8), (4.5, 1.8)])
+
+
+@pytest.mark.parametrize(
+    ("pose", "touch"),
+    [
+        ((4.4, 0.0, 0.0), True),
+        ((4.6, 0.0, 0.0), False),
+        ((0.0, 1.7, 0.0), True),
+        ((0.0, 1.9, 0.0), False),
+        ((3.1, 3.1, math.pi / 4), True),
+        ((3.4, 3.4, math.pi / 4), False),
+        ((3.1, 0.0, math.pi / 2), True),
+        ((3.2, 0.0, math.pi / 2), False),
+    ],
+)
+def test_rectangles_that_overlap(pose: tuple[float, float, float], touch: bool) -> None:
+    poses = np.array([(0.0, 0.0, 0.0), pose])
+    assert bool(overlaps(poses, SIZE)) is touch
+    assert bool(overlaps(poses[::-1], SIZE)) is touch
+
+
+def bodies(*rows: tuple[float, float, float, float]) -> Any:
+    return np.array([Body(x, y, heading, speed, 0.0) for x, y, heading, speed in rows])
+
+
+def test_time_to_collision_is_that_of_the_next_ahead_in_the_way() -> None:
+    table = bodies((0, 0, 0, 20), (24.5, 0, 0, 10), (14.5, 3.5, 0, 1), (54.5, 0, 0, 0))
+    size = np.array([(4.5, 1.8)] * 4)
+    found = time_to_collision(table, size)
+    assert found[0] == pytest.approx(2.0) and found[1] == pytest.approx(2.55)
+    assert math.isinf(found[2]) and math.isinf(found[3])
+    oncoming = time_to_collision(bodies((0, 0, 0, 20), (24.5, 0, math.pi, 10)), SIZE)
+    assert np.isinf(oncoming).all(), "whoever comes towards it is not followed"
+
+
+def test_a_collision_counts_once_and_names_its_cause() -> None:
+    made, mover = traffic(vehicles=2, duration_s=2)
+    users = list(made.users.values())
+    first = mover._vehicles[users[0].number]
+    made.measures._maneuver_ms.clear()
+
+    def crash() -> None:
+        other = mover._vehicles[users[1].number]
+        other.s, other.d, other.lane, other.target_lane = first.s, first.d, 0, 0
+
+    made.clock.at(950, crash)
+    made.run()
+    (one,) = made.record()["collisions"]["list"]
+    assert one["users"] == [1, 2] and one["equipped"] == 2 and not one["maneuver"]
+    assert made.record()["collisions"]["between_equipped"] == 1
+
+
+@pytest.mark.parametrize(("brakes", "counted"), [(3.9, 0), (4.1, 1)])
+def test_hard_braking_counts_once_over_half_a_second(brakes: float, counted: int) -> None:
+    made, mover = traffic(vehicles=1, penetration=0, duration_s=4)
+    vehicle = mover._vehicles[1]
+    vehicle.desired = vehicle.speed = 22.0
+    made.run()
+    measures, now = made.measures, 4000
+    for step in range(30):
+        speed = 22.0 - brakes * max(0, step - 10) * 0.1
+        measures.step(now + 100 * step, {1: Body(0, 0, 0, speed, -brakes)}, made)
+    assert measures.hard_brakings["others"] == counted
+
+
+def test_a_histogram_has_percentiles() -> None:
+    counts = Histogram(0.5, 10)
+    assert counts.percentile(0.5) is None
+    counts.add(np.array([0.1, 0.2, 0.6, 99.0]))
+    assert (counts.percentile(0.5), counts.percentile(0.75), counts.greatest) == (0.5, 1.0, 99.0)
+    assert counts.percentile(1.0) == 5.0
+
+
+# -- settings, frames, codec
+
+
+def test_bad_settings_are_named() -> None:
+    for wrong, name in (
+        ({"vehicles": 0}, "vehicles"),
+        ({"density": 0}, "density"),
+        ({"penetration": 1.1}, "penetration"),
+        ({"duration_s": 0}, "duration_s"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            Setting(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="scenario must be one of"):
+        Run(scenario="fly")
+    with pytest.raises(ValueError, match="loss must be"):
+        Run(scenario="lane-change", loss=2)
+
+
+def test_vehicles_start_apart_and_no_draw_shifts_another() -> None:
+    setting = Setting(seed=4, vehicles=60, density=60)
+    users = TWO.users(setting)
+    assert sorted(user.number for user in users) == list(range(1, 61))
+    for lane in (0, 1):
+        there = sorted((u for u in users if u.lane == lane), key=lambda u: u.at_m)
+        for rear, front in pairwise(there):
+            gap = front.at_m - front.length - rear.at_m
+            assert gap >= 2 + 1.2 * rear.speed - 1e-9, "it need not brake"
+        metres = there[-1].at_m - there[0].at_m
+        assert 25 < 1000 * (len(there) - 1) / metres < 35, "30 a km in each of two lanes"
+    half = TWO.users(replace(setting, penetration=0.5))
+    assert [replace(user, equipped=True) for user in half] == users
+
+
+def test_frames_have_everybody_every_second_step() -> None:
+    frames = Frames()
+    made, _ = traffic(vehicles=3, duration_s=1, observe=frames.add)
+    made.run()
+    found = json.loads(frames.as_json())
+    assert found["every_ms"] == 200 and len(found["users"]) == 3
+    assert [frame["number"] for frame in found["frames"]] == [[1, 2, 3]] * 6
+
+
+def test_a_shared_codec_decodes_once_and_refuses_each_time() -> None:
+    codec = SharedCodec(JSON)
+    cam = Cam(src=1, generation_ms=1, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=())
+    data = codec.encode(cam)
+    assert codec.decode(data) == cam and codec.decode(data) is codec.decode(data)
+    for _ in range(2):
+        with pytest.raises(MessageError):
+            codec.decode(b"{}")
+
+
+def test_without_sumo_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "sumo", None)
+    with pytest.raises(TrafficError, match=r"pip install 'automcm\[sumo\]'"):
+        Run(scenario="lane-change").drive()
+
+
+def test_the_stage_is_a_mover() -> None:
+    from automcm_evaluation.traffic.mover import Mover
+
+    mover: Mover = RoadMover([CAR])
+    assert list(mover.bodies()) == [1]

@@ -1,0 +1,153 @@
+"""Yielding at a place, on the unchanged service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from road_stage import answers_of, driven, rows
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.drive import SimulatedDrive
+from automcm.scenarios.occupancy import Track
+from automcm.scenarios.road import STRAIGHT, Vehicle
+from automcm.service.application import Advertised, Proposal
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_evaluation.traffic_scenarios.intersection_traffic import (
+    LINE,
+    PLACE,
+    REACH_M,
+    LeftTurn,
+)
+from automcm_evaluation.traffic_scenarios.yielding import (
+    PATIENCE_MS,
+    Yielding,
+    arrival_in,
+    arriving,
+)
+from automcm_spec.vocabulary import messages
+from automcm_traces.explain.explain import explain_files
+
+X_M = 150.0
+
+
+class Asks(Yielding):
+    """Stands beside the road and asks for the window from ``begins`` to ``ends``, ms."""
+
+    def __init__(self, begins: int, ends: int) -> None:
+        beside = Vehicle(1, X_M, 3, 0.0, 0.1)
+        super().__init__(beside, "test", (X_M, 0.0))
+        self.window = begins, ends
+
+    def _wanted(self, now_ms: int) -> tuple[int, int] | None:
+        return self.window if now_ms < self.window[1] else None
+
+
+def car(number: int, x: float, speed: float = 10.0) -> Yielding:
+    return Yielding(Vehicle(number, x, 0, speed, speed), "test", (X_M, 0.0))
+
+
+def passes_s(drive: SimulatedDrive, number: int) -> float:
+    return min(s.t for s in drive.road.of(number) if s.x + 2.25 >= X_M)
+
+
+def test_the_first_in_the_window_arrives_later_and_the_others_follow(tmp_path: Path) -> None:
+    unit, before, first, second = Asks(11_000, 20_000), car(2, 60), car(3, 20), car(4, 0)
+    drive = driven(lambda: None, unit, before, first, second, until=35, logs=tmp_path)
+    assert passes_s(drive, 2) < 10 and 19.5 <= passes_s(drive, 3) < 24 < 35
+    assert "yields" in [what for _, what in first.story]
+    assert first.ended == ["finished"] and first.vehicle.speed > 9
+    assert min(s.acceleration for s in drive.road.of(3)) > -2.01
+    verdicts = explain_files(sorted(tmp_path.glob("*.ndjson")))
+    assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_agreement_is_reached_over_a_radio_that_loses(seed: int) -> None:
+    other = car(2, 0)
+    drive = driven(
+        lambda: None, Asks(9000, 20_000), other, until=35, seed=seed, channel=Channel(loss=0.3)
+    )
+    agreed = "yields" in [what for _, what in other.story]
+    assert not agreed or passes_s(drive, 2) >= 19.5 or "finished" not in other.ended
+
+
+def test_after_a_fallback_it_drives_alone_again() -> None:
+    unit, other = Asks(9000, 20_000), car(2, 0)
+    drive = SimulatedDrive([unit, other])
+    drive.run(6)
+    assert other.vehicle.speed < 9
+    drive.simulation.radio.partition({1}, {2})
+    drive.run(16)
+    assert other.ended == ["cam_loss"] and other.vehicle.speed > 9.5
+
+
+@pytest.mark.parametrize(
+    "prescribed",
+    [
+        rows((0, -150_000, 0)),
+        rows((0, -147_750, 0), (15_000, 0, 1)),
+        rows((0, 147_750, 0), (15_000, 0, 0)),
+        rows((0, -147_750, 0), (0, 0, 0)),
+        arriving(0, 130.0, 15_000),
+        arriving(0, 147.75, PATIENCE_MS + 1),
+    ],
+)
+def test_another_form_another_way_or_too_long_is_refused(prescribed: messages.Trajectory) -> None:
+    driver = car(2, 0)
+    answers = answers_of(driver)
+    told = Advertised((1, 1), "test", {"x_mm": round(X_M * 1000), "y_mm": 0}, None)
+    assert driver.concerned(told) == arriving(0, 147.75, 14_775)
+    driver.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
+    driver.verify(Proposal((1, 1), 1, arriving(0, 147.75, PATIENCE_MS), 0, 1000))
+    driver.vehicle.s = X_M - 10
+    driver.verify(Proposal((1, 1), 1, arriving(0, 7.75, 5000), 0, 1000))
+    assert answers == ["refuse", "accept", "refuse"]
+
+
+def test_who_cannot_stop_before_the_place_or_does_not_pass_it_does_not_answer() -> None:
+    for driver in (car(2, X_M - 20), car(3, X_M + 5)):
+        answers_of(driver)
+        told = Advertised((1, 1), "test", {"x_mm": round(X_M * 1000), "y_mm": 0}, None)
+        assert driver.concerned(told) is None
+    driver = car(2, 0)
+    answers_of(driver)
+    wrong: tuple[dict[str, messages.Plain], ...] = (
+        {"x_mm": 150_000, "y_mm": 9000},
+        {"x_mm": "150000", "y_mm": 0},
+        {},
+    )
+    for details in wrong:
+        assert driver.concerned(Advertised((1, 1), "test", details, None)) is None
+
+
+def test_a_trajectory_gives_its_way_and_time() -> None:
+    assert arrival_in(arriving(500, 20.0, 3000)) == (20.0, 3500)
+
+
+def test_a_left_turn_waits_for_whoever_comes_and_not_for_who_has_passed() -> None:
+    """Two lines, one car on each: the turn is free only if the other cannot be there in time."""
+    at = float(LINE.project([PLACE]).s[0])
+    found = []
+    for s in (at - 150, at - 60, at - 10, at + 2 * REACH_M + 6):
+        other = Vehicle(2, s, 0, 12.0, 12.0, line=LINE)
+        v = Vehicle(1, PLACE[0] - 30, 0, 5.0, 12.0)
+        v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
+        seen = [Track(x=other.x, y=other.y, vx=-12.0, sigma=0.0)]
+        driver = LeftTurn(v, True, lambda region, t0, t1, seen=seen: seen)  # type: ignore[misc]
+        answers_of(driver)
+        found.append(driver._free(8.0))
+    assert found == [True, False, False, True]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_same_setting_gives_the_same_users_apart_from_each_other(name: str) -> None:
+    setting = Setting(seed=4, vehicles=20, density=80)
+    users = SCENARIOS[name].users(setting)
+    assert users == SCENARIOS[name].users(setting)
+    assert len({user.number for user in users}) == len(users) and min(u.at_m for u in users) >= 0
+    for a in users:
+        for b in users:
+            if a is not b and (a.route, a.lane) == (b.route, b.lane):
+                assert abs(a.at_m - b.at_m) > min(a.length, b.length)
