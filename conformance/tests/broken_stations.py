@@ -270,7 +270,7 @@ def an_old_cam_counts() -> None:
     first("receive CAM", "ACT-5", counts, count_cam)
 
 
-@cause("NEG-1", "OnPrescription", "m.proposal = 3, st.proposal = 3")
+@cause("NEG-1", "OnPrescription", "the proposal is not newer than the last one seen")
 def proposal_off_by_one() -> None:
     rows = RULES["receive Prescription"]
     again = Row("NEG-1", lambda me, st, i: i.message.proposal < st.proposal, rows[4].then)

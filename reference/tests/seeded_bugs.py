@@ -111,7 +111,7 @@ def _rows(kind: str, n: int, **row: Any) -> Callable[[], Any]:
 
 BUGS: dict[str, Bug] = {
     "no busy refusal: the last instruction counts": Bug(
-        "S-1", _rows("receive Prescription", 2, then=take_over), 3, seed=2
+        "S-1", _rows("receive Prescription", 2, then=take_over), 3, seed=4
     ),
     "a commitment ends with the sending of its Acceptance": Bug(
         "S-2", _rows("expire giveup", 2, then=give_up_and_leave), 1, seed=3
@@ -125,12 +125,12 @@ BUGS: dict[str, Bug] = {
     "the prescriber's lease counts from the Acceptance": Bug(
         "S-5", _rows("receive Acceptance", 6, then=lease_anew), 1, seed=1
     ),
-    "anybody's Ack counts": Bug("S-6", lambda: plain(ack_misread(acked_by_anybody)), 2, seed=3),
+    "anybody's Ack counts": Bug("S-6", lambda: plain(ack_misread(acked_by_anybody)), 3, seed=4),
     "any session of the prescriber is the own one": Bug(
         "S-7", lambda: plain(without("END-4")), 2, seed=1
     ),
     "a receiver that aborts is free at once": Bug(
-        "S-8", _rows("command abort", 2, then=free_at_once("command abort", 2)), 3, seed=7
+        "S-8", _rows("command abort", 2, then=free_at_once("command abort", 2)), 3, seed=4
     ),
     "the hold timer is not armed": Bug("T-1", lambda: unarmed("hold"), 2, seed=3),
     "any CAM counts": Bug("T-2", _rows("receive CAM", 0, when=any_cam), 2, seed=1),
@@ -138,7 +138,7 @@ BUGS: dict[str, Bug] = {
     "the proposal of an Acceptance is not compared": Bug(
         "oracle NEG-6",
         _rows("receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer),
-        1,
+        2,
         seed=8,
     ),
     "a copy of a Prescription is verified again": Bug(
@@ -152,19 +152,19 @@ BUGS: dict[str, Bug] = {
         "oracle MEM-1", _rows("receive Intention", 5, when=never), 1, seed=1
     ),
     "a session is joined without room for it": Bug(
-        "oracle MEM-1", _rows("receive Advertisement", 6, when=never), 1, seed=7
+        "oracle MEM-1", _rows("receive Advertisement", 6, when=never), 2, seed=7
     ),
     "a session is opened without room for it": Bug(
         "oracle MEM-1", _rows("command request", 3, when=never), 1, seed=2
     ),
     "no memory of what was joined": Bug(
-        "oracle ADV-8", _rows("receive Advertisement", 4, when=never), 3, seed=2
+        "oracle ADV-8", _rows("receive Advertisement", 4, when=never), 6, seed=2
     ),
     "the mark goes before the Fin is acknowledged": Bug(
         "oracle ACT-5", lambda: marking(bound_session), 3, seed=1
     ),
     "closed is answered although a Fin is still being sent": Bug(
-        "oracle NEG-6", _rows("receive Acceptance", 2, then=closed_anyhow), 2, seed=2
+        "oracle NEG-6", _rows("receive Acceptance", 2, then=closed_anyhow), 3, seed=2
     ),
     "a Prescription sent again differs": Bug(
         "oracle REL-1", _rows("expire resend", 1, then=other_content), 1, seed=1

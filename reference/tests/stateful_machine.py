@@ -15,6 +15,7 @@ from stateful_world import trajectory
 from automcm_spec.vocabulary.application import (
     Abort,
     Accept,
+    Close,
     Command,
     Complete,
     Prescribe,
@@ -25,7 +26,7 @@ from automcm_spec.vocabulary.application import (
 
 UPTO = ("CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING", "DECIDING")
 """DECIDING: about the next proposal, or ACTUATING if there is none."""
-NAMES = ("prescribe", "proceed", "accept", "refuse", "complete", "abort")
+NAMES = ("close", "prescribe", "proceed", "accept", "refuse", "complete", "abort")
 
 
 class Coordination(Surroundings):
@@ -107,7 +108,8 @@ class Coordination(Surroundings):
 
     def asked(self) -> list[tuple[str, int]]:
         """Whose command would fit its phase."""
-        found = [("prescribe", s) for s in self.choosing()]
+        found = [("close", s) for s in self.world.at("prescriber", "ADVERTISING")]
+        found += [("prescribe", s) for s in self.choosing()]
         found += [("proceed", s) for s in self.world.at("prescriber", "CHOOSING")]
         found += [(name, s) for s in self.verifying() for name in ("accept", "refuse")]
         return found + [("complete", s) for s in self.acting()]
@@ -141,6 +143,8 @@ class Coordination(Surroundings):
                     hold_ms=0,
                     lease_ms=LEASES[0],
                 )
+            case "close":
+                command = Close(session=session)
             case "proceed":
                 command = Proceed(session=session)
             case "accept":

@@ -134,7 +134,8 @@ def test_a_part_takes_memory_for_the_part_alone(tmp_path: Path) -> None:
     part = Part(501, 600)
     load(short, part=part)  # what is kept from the first time on
     one, other = (peak(lambda: load(short, part=part)), peak(lambda: load(long, part=part)))
-    assert other < 1.2 * one and peak(lambda: load(long)) > 5 * other
+    # What the collector has left to be freed differs from run to run by half of a part.
+    assert other < 2 * one and peak(lambda: load(long)) > 20 * other
 
 
 def test_a_part_may_not_be_too_long_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

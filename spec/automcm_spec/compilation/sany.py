@@ -134,6 +134,8 @@ _LINE = re.compile(r"line (\d+),? col(?:umn)? \d+.*?(?: of module (\w+))?$", re.
 
 
 def _complaint(module: str, text: str) -> tlc.TlcError:
+    if "java.io.IOException" in text:  # a full disk; what follows is Java's trace
+        text, _, _ = text.strip().partition("\n")
     message, _, _ = re.sub(r"Semantic processing.*\n", "", text).partition("failed for node")
     message = re.sub(r"\n\s*(at tla2sany.*)?", "\n", message).strip()
     where = _LINE.search(message)

@@ -192,6 +192,8 @@ class _Search:
         except Diverges:
             return  # effects of the last input are still missing
         self._is_new(base)
+        if not takes and isinstance(self.event, ApplicationIndication):
+            self._try(base.copy())  # END-5: of an unobserved message, after the last input
         for answer in answers(base.track, self.event):
             shows, is_logged = _shows(answer, self.event), self._is_logged(answer.outcome)
             if (is_logged and not shows) or not (answer.changes or shows):
