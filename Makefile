@@ -103,7 +103,10 @@ ready:
 
 # More than a gigabyte, and not available everywhere: a missing tool is skipped with a warning and
 # tried again next time.
-.venv/foreign: .venv/packages requirements-foreign.txt
+.venv/foreign: .venv/packages requirements-foreign.txt requirements-ns3.txt
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
+	  -r requirements-ns3.txt || \
+	  echo "requirements-ns3.txt could not be installed: tests that need ns-3 are skipped."
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
 	  --only-binary :all: -r requirements-foreign.txt && touch $@ || \
 	  echo "requirements-foreign.txt could not be installed: tests that need it are skipped."

@@ -158,6 +158,8 @@ TABLE: dict[str, Way] = {
     "automcm simulate drives --drives 20": DRIVES,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
     "automcm simulate traffic --scenario lane-change --vehicles 20": TRAFFIC,
+    "automcm simulate traffic --scenario lane-change --vehicles 60 --radio ns3": TRAFFIC,
+    "automcm simulate traffic --scenario merge --vehicles 20": TRAFFIC,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,
@@ -187,7 +189,7 @@ TABLE: dict[str, Way] = {
     f"automcm trace explain {LOGS}": Run(),
     "automcm trace explain 1.ndjson 2.ndjson": Run(instead=f"trace explain {LOGS}"),
     "automcm trace explain LOG...": Run(instead=f"trace explain {LOGS}"),
-    "automcm trace explain runs/narrow/1.ndjson runs/narrow/2.ndjson runs/narrow/3.ndjson": By(
+    "automcm trace explain runs/turn/1.ndjson runs/turn/2.ndjson runs/turn/3.ndjson": By(
         f"{HERE}pages_code.py::test_the_scenario_of_the_page_runs"
     ),
     "automcm trace explain small/wrong_proposal.ndjson": SHRINK,

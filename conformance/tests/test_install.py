@@ -171,6 +171,7 @@ WITHOUT = [
     ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
     ("kit", "experiment arrival --set sumo=true", "SUMO needs it: pip install 'automcm[sumo]'"),
     ("kit", "simulate traffic", "SUMO is missing: pip install 'automcm[sumo]'"),
+    ("kit", "simulate traffic --radio ns3", "ns-3 needs ns: pip install 'automcm[radio]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),

@@ -43,7 +43,7 @@ def test_the_scenario_of_the_page_runs(
     exec(compile(code, "<adding-a-scenario.md>", "exec"), names)
     assert [capsys.readouterr().out] == [text for language, text in parts if not language]
 
-    logs = [str(path) for path in sorted(Path("runs/narrow").iterdir())]
+    logs = [str(path) for path in sorted(Path("runs/turn").iterdir())]
     answer = automcm("trace", "explain", *logs)
     assert answer.exit_code == 0, answer.output
 

@@ -11,7 +11,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from automcm.links.ns3_radio import Ns3Radio
+from automcm.links.ns3_radio import SEEDS, Ns3Radio
 from automcm.links.propagation import airtime_us
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured
 from automcm_spec.support.extras import missing
@@ -43,6 +43,15 @@ def a_frame_takes_our_airtime() -> None:
         finally:
             radio.close()
         assert all(abs(share - 20 * airtime_us(size) / 1e6) < 1e-9 for share in busy), (size, busy)
+
+
+def every_seed_is_valid() -> None:
+    for seed in (0, SEEDS - 1, SEEDS, 2**32 - 1, 2**70):
+        radio = Ns3Radio(seed)
+        radio.move({1: (0.0, 0.0), 2: (10.0, 0.0)})
+        radio.transmit(1, 150, 0, 1)
+        assert [r.receiver for r in radio.advance(50)] == [2], seed
+        radio.close()
 
 
 def bad_calls_are_refused() -> None:
@@ -86,6 +95,7 @@ def stations_come_and_go() -> None:
 
 CHECKS: tuple[Callable[[], None], ...] = (
     a_frame_takes_our_airtime,
+    every_seed_is_valid,
     bad_calls_are_refused,
     stations_come_and_go,
     a_committed_measurement_is_repeated,

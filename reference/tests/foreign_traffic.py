@@ -2,8 +2,8 @@
 
     python reference/tests/foreign_traffic.py [SEEDS]
 
-Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so.  SEEDS:
-short drives of each scenario (default: 2).
+Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so; so is a
+drive over ns-3 (automcm[radio]).  SEEDS: short drives of each scenario (default: 2).
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.sumo_mover import sumo_home
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_evaluation.traffic_scenarios.traffic_run import Run
+from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run
+from automcm_spec.support.extras import missing
 from automcm_traces.explain.explain import explain_files
 
 SECONDS = 30.0
@@ -69,6 +70,22 @@ def a_run_repeats_byte_for_byte(seeds: int) -> None:
         assert found[0] == found[1]
 
 
+def a_drive_over_ns3_repeats_and_is_not_that_over_its_table(seeds: int) -> None:
+    if (reason := missing("radio")) is not None:
+        print(f"SKIPPED: ns-3 {reason}")
+        return
+    records = []
+    radios: tuple[RadioName, ...] = "ns3", "table", "ns3"
+    for radio in radios:
+        setting = Setting(seed=3, vehicles=10, duration_s=10.0)
+        run = Run(scenario="lane-change", setting=setting, radio=radio)
+        record = run.record(run.drive())
+        assert record["sessions"]["agreed"] and not wrong(record), record
+        del record["setting"]
+        records.append(json.dumps(record))
+    assert records[0] == records[2] != records[1]
+
+
 def every_log_is_allowed(seeds: int) -> None:
     run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
     with tempfile.TemporaryDirectory() as folder:
@@ -99,6 +116,7 @@ def a_prescription_is_driven_and_not_teleported(seeds: int) -> None:
 
 CHECKS: tuple[Callable[[int], None], ...] = (
     a_run_repeats_byte_for_byte,
+    a_drive_over_ns3_repeats_and_is_not_that_over_its_table,
     every_log_is_allowed,
     a_prescription_is_driven_and_not_teleported,
     nothing_bad_happens,

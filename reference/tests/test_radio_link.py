@@ -52,6 +52,7 @@ def test_a_broadcast_reaches_all_and_a_message_its_addressee() -> None:
     clock.run(40)
     assert [(station, data) for _, station, data in received] == [(3, b"one")]
     assert all(20 < at <= 30 for at, _, _ in received)
+    assert links.received == 3 and 1 <= links.longest_ms <= 10
 
 
 def links_frame(src: int, to: int, data: bytes) -> object:
@@ -68,7 +69,19 @@ def test_what_no_frame_holds_and_who_has_no_place_is_lost_and_counted() -> None:
     clock.run(100)
     links._send(links_frame(1, BROADCAST, b"gone"))
     clock.run(200)
-    assert links.lost == 2 and received == [] and not links.sent
+    assert links.lost == {"too_long": 1, "no_place": 1} and received == [] and not links.sent
+
+
+def test_without_a_callback_the_caller_places_the_stations() -> None:
+    clock, received = VirtualClock(), []
+    links = RadioLinks(clock, TableRadio(1))
+    for station in PLACES:
+        links.link(station).open(lambda data, tx, station=station: received.append(station))  # type: ignore[misc]
+    for left_out in (2, 3, 1):
+        links.move({station: at for station, at in PLACES.items() if station != left_out})
+        links._send(links_frame(1, BROADCAST, b"x"))
+        clock.run(clock.now() + 200)
+    assert received == [3, 2] and links.lost == {"no_place": 1}
 
 
 def test_a_station_has_one_link_and_none_after_closing_it() -> None:
@@ -90,7 +103,7 @@ def test_a_closed_gate_delays_frames_and_drops_old_ones() -> None:
     for _ in range(3):
         links._send(links_frame(1, 2, b"x" * 150))
     clock.run(1000 + LIFETIME_MS)
-    assert links.sent[1] == 1 and links.lost == 2
+    assert links.sent[1] == 1 and links.lost == {"gate": 2}
 
 
 def test_a_frame_whose_sender_leaves_while_it_waits_is_not_sent() -> None:

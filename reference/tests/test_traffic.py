@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,20 +16,20 @@ from traffic_stage import TWO, RoadMover, traffic
 
 from automcm.encoding.codec import JSON
 from automcm.kernels.trajectory import Trajectory
-from automcm.links.clock import VirtualClock
-from automcm.links.radio import LARGEST_BYTES
 from automcm.scenarios.lane_change import LaneChange
 from automcm.service.service import McService
+from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_evaluation.traffic.seen_from_above import Frames
 from automcm_evaluation.traffic.shared_codec import SharedCodec
 from automcm_evaluation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
-from automcm_evaluation.traffic.traffic_medium import EvenRadio, Medium
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_service import TrafficService
 from automcm_evaluation.traffic.traffic_vehicle import Sight
+from automcm_evaluation.traffic_scenarios import traffic_run
 from automcm_evaluation.traffic_scenarios.traffic_run import Run
-from automcm_spec.vocabulary.messages import BROADCAST, Cam, MessageError
+from automcm_spec.support import extras
+from automcm_spec.vocabulary.messages import Cam, MessageError
 
 CAR = RoadUser(number=1, route=("road",), lane=0, at_m=0.0, speed=20.0, desired=25.0, equipped=True)
 
@@ -38,6 +39,7 @@ def test_vehicles_agree_and_change_lanes_as_the_mover_drives_them() -> None:
     made.run()
     record = made.record()
     assert record["collisions"]["all"] == 0 and record["hazards"]["wrong"] == []
+    assert record["radio"]["received"] > 1000 and 30 < record["radio"]["longest_delay_ms"] <= 40
     sessions = record["sessions"]
     assert sessions["requested"] >= sessions["agreed"] >= sessions["completed"] > 0
     assert sessions["ended"].get("abort", 0) == record["outcome"]["gives up"]
@@ -131,43 +133,6 @@ def test_the_mover_gets_the_prescribed_speed_of_a_receiver() -> None:
 
 
 # -- the radio
-
-
-def medium(radio: Any = None) -> tuple[Medium, VirtualClock, dict[int, list[tuple[int, bytes]]]]:
-    clock = VirtualClock()
-    made = Medium(radio or EvenRadio(0.0, 1), clock)
-    got: dict[int, list[tuple[int, bytes]]] = {1: [], 2: [], 3: []}
-    for station, heard in got.items():
-        made.link(station).open(lambda data, tx, heard=heard: heard.append((clock.now(), data)))  # type: ignore[misc]
-    made.move({station: (float(station), 0.0) for station in got})
-    return made, clock, got
-
-
-def test_a_frame_reaches_everybody_and_a_message_its_addressee() -> None:
-    made, clock, got = medium()
-    made.link(1).send(b"all", BROADCAST, "1:1")
-    made.link(1).send(b"two", 2, "1:2")
-    clock.run(200)
-    assert [data for _, data in got[1]] == []
-    assert sorted(data for _, data in got[2]) == [b"all", b"two"]
-    assert [data for _, data in got[3]] == [b"all"]
-    assert made.longest_ms == max(at for heard in got.values() for at, _ in heard) <= 40
-
-
-def test_a_message_that_no_frame_holds_is_lost_and_counted() -> None:
-    made, clock, got = medium()
-    made.link(1).send(bytes(LARGEST_BYTES + 1), BROADCAST, "1:1")
-    made.link(1).send(bytes(LARGEST_BYTES), BROADCAST, "1:2")
-    clock.run(200)
-    assert made.too_long == 1 and len(got[2]) == 1
-
-
-def test_who_has_no_place_does_not_send() -> None:
-    made, clock, got = medium()
-    made.move({2: (0.0, 0.0), 3: (0.0, 0.0)})
-    made.link(1).send(b"x", BROADCAST, "1:1")
-    clock.run(200)
-    assert got[2] == []
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3, 1.0])
@@ -330,9 +295,34 @@ def test_a_shared_codec_decodes_once_and_refuses_each_time() -> None:
 
 
 def test_without_sumo_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "sumo", None)
+    monkeypatch.setitem(sys.modules, "sumo", None)
     with pytest.raises(TrafficError, match=r"pip install 'automcm\[sumo\]'"):
         Run(scenario="lane-change").drive()
+
+
+def test_without_ns3_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
+    with pytest.raises(TrafficError, match=r"pip install 'automcm\[radio\]'"):
+        Run(scenario="lane-change", radio="ns3").drive()
+
+
+def test_a_run_ends_ns3_also_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ns-3 has one simulator in a process."""
+    seeds, closed = [], []
+
+    class Ns3(EvenRadio):
+        def __init__(self, seed: int) -> None:
+            super().__init__(0.0, seed)
+            seeds.append(seed)
+
+        def close(self) -> None:
+            closed.append(True)
+
+    monkeypatch.setattr(traffic_run, "Ns3Radio", Ns3)
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    with pytest.raises(TrafficError, match="SUMO is missing"):
+        Run(scenario="lane-change", radio="ns3", setting=Setting(seed=6)).drive()
+    assert (seeds, closed) == ([6], [True])
 
 
 def test_the_stage_is_a_mover() -> None:

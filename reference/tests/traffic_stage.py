@@ -8,9 +8,9 @@ from pathlib import Path
 from automcm.kernels.road_line import RoadLine
 from automcm.links.radio import Radio
 from automcm.scenarios.road import STRAIGHT, Road, Vehicle
+from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import Body, RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_medium import EvenRadio
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.lane_change_traffic import LaneChanges
 

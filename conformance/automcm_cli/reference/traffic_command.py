@@ -32,8 +32,10 @@ def traffic(
         float, typer.Option(help="Share of vehicles with a station.", min=0, max=1)
     ] = 1,
     radio: Annotated[
-        Literal["even", "table"],
-        typer.Option(help="even: loses --loss everywhere; table: fitted to 802.11p."),
+        Literal["even", "table", "ns3"],
+        typer.Option(
+            help="even: loses --loss everywhere; ns3: 802.11p by ns-3; table: fitted to it."
+        ),
     ] = "even",
     loss: Annotated[
         float, typer.Option(help="Share of messages to lose (--radio even).", min=0, max=1)
@@ -56,7 +58,7 @@ def traffic(
     The command writes each station's log, the record of safety, comfort, radio and sessions, and a
     page of one session with the traffic from above.  The exit code is 1 if equipped vehicles
     collided, a maneuver caused a collision, or a hazard exceeded its bound (T-2).  Needs
-    automcm[sumo].
+    automcm[sumo]; --radio ns3 also automcm[radio].
     """
     from automcm.encoding.codec import CodecError
     from automcm_evaluation.traffic.mover import TrafficError

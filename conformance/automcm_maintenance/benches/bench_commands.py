@@ -24,9 +24,9 @@ def traffic(
     scenario: Annotated[str, typer.Option(help="As of simulate traffic.")] = "lane-change",
     vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=1)] = 100,
     density: Annotated[float, typer.Option(help="Vehicles per km of road.", min=1)] = 40,
-    radio: Annotated[Literal["even", "table"], typer.Option(help="As of simulate traffic.")] = (
-        "table"
-    ),
+    radio: Annotated[
+        Literal["even", "table", "ns3"], typer.Option(help="As of simulate traffic.")
+    ] = "table",
     seconds: Annotated[float, typer.Option(help="Simulated time in seconds.", min=1)] = 10,
     json_: Json = None,
 ) -> None:

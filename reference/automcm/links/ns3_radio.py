@@ -32,6 +32,8 @@ CW_MIN, CW_MAX, AIFSN = 15, 1023, 6
 MODE = "OfdmRate6MbpsBW10MHz"
 LLC_MAC_BYTES = 36
 """What ns-3 adds by itself."""
+SEEDS = 4_294_944_443
+"""A seed of ns-3 is from 1 to below this; it aborts on another one."""
 NS = 1_000_000
 """In a millisecond."""
 
@@ -75,7 +77,7 @@ class Ns3Radio:
         setting.cw_min, setting.cw_max, setting.aifsn = CW_MIN, CW_MAX, AIFSN
         setting.preamble_us, setting.symbol_us = PREAMBLE_US, SYMBOL_US
         setting.bits_per_symbol, setting.extra_bits = SYMBOL_BITS, EXTRA_BITS
-        setting.seed, setting.mode = seed % 2**32 or 2**32 - 1, MODE
+        setting.seed, setting.mode = seed % SEEDS or SEEDS - 1, MODE
         self._channel = made.Channel80211p(setting)
 
     def close(self) -> None:

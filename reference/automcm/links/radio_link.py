@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from functools import partial
+from typing import Literal, NamedTuple
 
 from automcm.links.clock import Clock
 from automcm.links.link import Receiver
@@ -31,6 +32,8 @@ LIFETIME_MS = 100
 """A frame that waited longer at a gate is dropped: t_cam and t_resend have made another."""
 OLDEST_MS = 2000
 """No frame arrives later."""
+Lost = Literal["too_long", "no_place", "gate"]
+"""No frame holds the message, its sender has no place, or it was dropped at its gate."""
 
 
 class GateKeeper:
@@ -85,24 +88,29 @@ class _Frame(NamedTuple):
 class RadioLinks:
     """The links of all stations over one radio.
 
-    ``places`` returns the position of each station in m, and is called every MOVE_MS.  With
-    ``congestion_control`` every station sends through a ``GateKeeper``.
+    ``places`` returns the position of each station in m, and is called every MOVE_MS; without it,
+    the caller calls ``move``.  With ``congestion_control`` every station sends through a
+    ``GateKeeper``.
     """
 
     def __init__(
         self,
         clock: Clock,
         radio: Radio,
-        places: Callable[[], Mapping[int, tuple[float, float]]],
+        places: Callable[[], Mapping[int, tuple[float, float]]] | None = None,
         *,
         congestion_control: bool = False,
     ) -> None:
         self.radio = radio
-        self.lost = 0
-        """Messages that no frame holds, of stations without a place, and dropped at a gate."""
+        self.lost: Counter[Lost] = Counter()
+        """Messages that were not sent, by reason."""
         self.sent: Counter[int] = Counter()
         """The frames of each station."""
-        self._clock, self._places = clock, places
+        self.received = 0
+        """Copies that reached their addressee."""
+        self.longest_ms = 0
+        """The longest delay of one."""
+        self._clock = clock
         self._controlled = congestion_control
         self._receivers: dict[int, Receiver | None] = {}
         self._gates: dict[int, GateKeeper] = {}
@@ -112,7 +120,8 @@ class RadioLinks:
         self._frames: dict[int, tuple[int, _Frame]] = {}
         """The frames on the air, by number, with the time in ms."""
         self._number = 0
-        clock.at(clock.now(), self._move)
+        if places is not None:
+            clock.at(clock.now(), partial(self._follow, places))
         clock.at(clock.now() + 1, self._pass)
         if congestion_control:
             clock.at(clock.now() + UPDATE_MS, self._update)
@@ -125,18 +134,24 @@ class RadioLinks:
         self._gates[station_id], self._queues[station_id] = GateKeeper(), deque()
         return RadioLink(self, station_id)
 
-    def _move(self) -> None:
-        self._placed = self._places()
-        self.radio.move(self._placed)
-        self._clock.at(self._clock.now() + MOVE_MS, self._move)
+    def move(self, places: Mapping[int, tuple[float, float]]) -> None:
+        """Where the stations are now, m.  A station that is left out is off the air."""
+        self._placed = places
+        self.radio.move(places)
+
+    def _follow(self, places: Callable[[], Mapping[int, tuple[float, float]]]) -> None:
+        self.move(places())
+        self._clock.at(self._clock.now() + MOVE_MS, partial(self._follow, places))
 
     def _pass(self) -> None:
         """Pass on what has arrived, every millisecond."""
         now = self._clock.now()
         for _, number, receiver in self.radio.advance(now):
-            _, frame = self._frames[number]
+            sent_ms, frame = self._frames[number]
             receive = self._receivers.get(receiver)
             if receive is not None and frame.to in (BROADCAST, receiver):
+                self.received += 1
+                self.longest_ms = max(self.longest_ms, now - sent_ms)
                 receive(frame.data, frame.tx)
         while self._frames and now - next(iter(self._frames.values()))[0] > OLDEST_MS:
             del self._frames[next(iter(self._frames))]
@@ -151,7 +166,7 @@ class RadioLinks:
 
     def _send(self, frame: _Frame) -> None:
         if len(frame.data) > LARGEST_BYTES or frame.src not in self._placed:
-            self.lost += 1
+            self.lost["too_long" if len(frame.data) > LARGEST_BYTES else "no_place"] += 1
             return
         if not self._controlled:
             self._transmit(frame)
@@ -166,7 +181,7 @@ class RadioLinks:
         gate, queue, now = self._gates[src], self._queues[src], self._clock.now()
         while queue and now - queue[0][0] > LIFETIME_MS:
             queue.popleft()
-            self.lost += 1
+            self.lost["gate"] += 1
         if queue and gate.opens_ms() <= now:
             _, frame = queue.popleft()
             if src in self._placed:

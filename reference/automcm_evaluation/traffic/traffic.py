@@ -14,12 +14,12 @@ from automcm.core.station import Effects
 from automcm.encoding.codec import JSON, Codec
 from automcm.links.link import Link
 from automcm.links.radio import Radio
+from automcm.links.radio_link import RadioLinks
 from automcm.scenarios.drive import Driver
 from automcm_evaluation.safety.hazard_measures import Watched
 from automcm_evaluation.traffic.mover import AUTOMATED, STEP_MS, Mover, RoadUser
 from automcm_evaluation.traffic.shared_codec import SharedCodec
 from automcm_evaluation.traffic.traffic_measures import Measures
-from automcm_evaluation.traffic.traffic_medium import Medium
 from automcm_evaluation.traffic.traffic_scenario import Scenario, Setting
 from automcm_evaluation.traffic.traffic_service import TrafficService
 from automcm_evaluation.traffic.traffic_vehicle import Sight, TrafficVehicle, place_all
@@ -32,7 +32,7 @@ class Stations(Watched):
 
     def __init__(self, radio: Radio, seed: int, logs: Path | None) -> None:
         super().__init__(seed=seed, logs=logs, service=partial(TrafficService, recent={}))
-        self.medium = Medium(radio, self.clock)
+        self.links = RadioLinks(self.clock, radio)
         self.requested = 0
         """Sessions that were requested (ADV-1)."""
         self.ended: Counter[str] = Counter()
@@ -44,7 +44,7 @@ class Stations(Watched):
 
     def link(self, station_id: int) -> Link:
         """As in Simulation."""
-        return self.medium.link(station_id)
+        return self.links.link(station_id)
 
     def _note(self, station_id: int, before: State, effects: Effects) -> None:
         if isinstance(effects.input, ReceivedCam):
@@ -133,7 +133,7 @@ class Traffic:
         place_all(driven, bodies)
         self.sight.look(bodies)
         positions = {v.station_id: (bodies[v.station_id].x, bodies[v.station_id].y) for v in driven}
-        self.stations.medium.move(positions | self.fixed)
+        self.stations.links.move(positions | self.fixed)
         for number, driver in self.drivers.items():
             if number in self.fixed or number in bodies:
                 if number not in self.stations.services:

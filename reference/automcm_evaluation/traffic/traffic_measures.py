@@ -173,7 +173,7 @@ class Measures:
             if number not in bodies or number not in traffic.stations.services:
                 continue
             own = bodies[number]
-            busy.append(traffic.stations.medium.radio.channel_busy_ratio(number))
+            busy.append(traffic.stations.links.radio.channel_busy_ratio(number))
             for other, heard in traffic.stations.services[number].neighbours.items():
                 there = bodies.get(other)
                 if there is not None and abs(there.x - own.x) + abs(there.y - own.y) <= NEAR_M:
@@ -183,7 +183,7 @@ class Measures:
 
     def record(self, traffic: Traffic) -> dict[str, Any]:
         """The record of the run so far."""
-        stations, medium = traffic.stations, traffic.stations.medium
+        stations, links = traffic.stations, traffic.stations.links
         services = stations.services.values()
         sent: Counter[str] = Counter()
         for service in services:
@@ -227,9 +227,9 @@ class Measures:
             "radio": {
                 "sent": dict(sorted(sent.items())),
                 "sent_bytes": sum(service.statistics.sent_bytes for service in services),
-                "received": medium.received,
-                "too_long": medium.too_long,
-                "longest_delay_ms": medium.longest_ms,
+                "received": links.received,
+                "too_long": links.lost["too_long"],
+                "longest_delay_ms": links.longest_ms,
                 "busy": {"p50": self._busy.percentile(0.5), "p95": self._busy.percentile(0.95)},
                 "cam_age_ms": {
                     "p50": self._age.percentile(0.5),

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 from automcm.encoding.codec import codec
+from automcm.links.ns3_radio import Ns3Radio
 from automcm.links.radio import Radio
+from automcm.links.table_radio import TableRadio
+from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.seen_from_above import Frames
 from automcm_evaluation.traffic.sumo_mover import SumoMover
 from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_medium import EvenRadio
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
+from automcm_spec.support.extras import MissingExtra
+
+RadioName = Literal["even", "table", "ns3"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +31,7 @@ class Run:
 
     scenario: str
     setting: Setting = field(default_factory=Setting)
-    radio: Literal["even", "table"] = "even"
+    radio: RadioName = "even"
     loss: float = 0.0
     """Of the radio ``even``."""
     codec: str = "json"
@@ -45,13 +50,13 @@ class Run:
         gui: bool = False,
         progress: Callable[[int], None] = lambda now_ms: None,
     ) -> Traffic:
-        """Run it to its end.  Raises TrafficError, for example without SUMO.
+        """Run it to its end.  Raises TrafficError, for example without SUMO or ns-3.
 
         ``frames`` takes the positions of all road users; ``progress`` gets the simulated time.
         """
         scenario, setting = SCENARIOS[self.scenario], self.setting
         users = scenario.users(setting)
-        with scratch.folder("traffic") as folder:
+        with self._radio() as radio, scratch.folder("traffic") as folder:
             mover = SumoMover(users, scenario.network, folder, setting.seed, gui)
             try:
                 traffic = Traffic(
@@ -59,7 +64,7 @@ class Run:
                     setting,
                     mover,
                     users,
-                    self._radio(),
+                    radio,
                     logs=logs,
                     codec=codec(self.codec),
                     observe=frames.add if frames is not None else lambda traffic: None,
@@ -75,13 +80,17 @@ class Run:
         settings = {"scenario": self.scenario, **asdict(self.setting), **radio, "codec": self.codec}
         return {"setting": settings, **traffic.record()}
 
-    def _radio(self) -> Radio:
+    @contextmanager
+    def _radio(self) -> Iterator[Radio]:
         seed = self.setting.seed
         if self.radio == "even":
-            return EvenRadio(self.loss, seed)
-        try:
-            table = import_module("automcm.links.table_radio")
-        except ModuleNotFoundError:
-            raise TrafficError("this version has no table radio: choose --loss") from None
-        radio: Radio = table.TableRadio(seed=seed)
-        return radio
+            yield EvenRadio(self.loss, seed)
+        elif self.radio == "table":
+            yield TableRadio(seed)
+        else:
+            try:
+                radio = Ns3Radio(seed)
+            except MissingExtra as error:
+                raise TrafficError(str(error)) from None
+            with closing(radio):
+                yield radio

@@ -5,21 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.traffic_run import Run
+from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run
 
 
 def measured(
     scenario: str,
     vehicles: int,
     density: float,
-    radio: Literal["even", "table"],
+    radio: RadioName,
     seconds: float,
     notify: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """The figures, without and with stations.  Raises TrafficError without SUMO."""
+    """The figures, without and with stations.  Raises TrafficError without SUMO or ns-3."""
     setting = Setting(vehicles=vehicles, density=density, penetration=0.0, duration_s=seconds)
     run = Run(scenario=scenario, setting=setting, radio=radio)
     notify("without stations")
@@ -51,4 +51,4 @@ def _timed(run: Run) -> tuple[float, int]:
             begun.append(time.process_time())
 
     traffic = run.drive(progress=progress)
-    return time.process_time() - begun[0], traffic.stations.medium.received
+    return time.process_time() - begun[0], traffic.stations.links.received

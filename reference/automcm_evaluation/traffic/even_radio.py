@@ -1,0 +1,50 @@
+"""A radio that loses evenly, wherever the stations are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from automcm.links.radio import Reception
+from automcm.links.simulated_radio import Channel
+
+
+class EvenRadio:
+    """Loses each copy with the same probability and delays it as ``Channel`` does.
+
+    The channel is never busy.
+    """
+
+    def __init__(self, loss: float, seed: int) -> None:
+        self._channel = Channel(loss=loss)
+        self._random = np.random.default_rng(seed)
+        self._stations: list[int] = []
+        self._due: dict[int, list[Reception]] = {}
+        self._done_ms = -1
+
+    def move(self, positions: Mapping[int, tuple[float, float]]) -> None:
+        """As ``Radio.move``."""
+        self._stations = list(positions)
+
+    def transmit(self, sender: int, size_bytes: int, now_ms: int, frame: int) -> None:
+        """As ``Radio.transmit``."""
+        low, high = self._channel.delay_ms
+        number, due = len(self._stations), self._due
+        arrives = self._random.random(number) >= self._channel.loss
+        at = (now_ms + self._random.integers(low, high + 1, number)).tolist()
+        for n in np.flatnonzero(arrives).tolist():
+            if (station := self._stations[n]) != sender:
+                due.setdefault(at[n], []).append(Reception(at[n], frame, station))
+
+    def advance(self, until_ms: int) -> list[Reception]:
+        """As ``Radio.advance``."""
+        found: list[Reception] = []
+        for at in range(self._done_ms + 1, until_ms + 1):
+            found += sorted(self._due.pop(at, ()))
+        self._done_ms = max(self._done_ms, until_ms)
+        return found
+
+    def channel_busy_ratio(self, station: int) -> float:
+        """As ``Radio.channel_busy_ratio``."""
+        return 0.0
