@@ -42,6 +42,7 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_signature.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python reference/tests/foreign_traffic.py
+	@$(BIN)/python reference/tests/foreign_traffic_experiment.py
 	@$(BIN)/python reference/tests/foreign_radio.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
@@ -66,7 +67,7 @@ generate: ready
 pages: ready
 	@$(BIN)/automcm spec pages $(ARGS)
 
-# Repeats the paper's evaluation and writes it to docs: 23 minutes on two cores, with SUMO.
+# Repeats the paper's evaluation and writes it to docs: 24 minutes on two cores, with SUMO.
 evaluation: ready .venv/foreign
 	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
 

@@ -22,6 +22,7 @@ SMALL: list[tuple[str, Json]] = [
     ("loss", {"part": "cost", "t_timeout": 0, "loss": 50}),
     ("loss", {"part": "fine", "t_timeout": 1000, "loss": 88}),
     ("safety", {"part": "faults", "fault": "target aborts", "loss": 0.0}),
+    ("traffic", {"part": "all ask", "stations": 2, "spread_ms": 0}),
 ]
 RESULTS = {name: json.loads((FOLDER / name / report.RESULTS).read_text()) for name in NAMES}
 

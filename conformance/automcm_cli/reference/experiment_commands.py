@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-Profile = Annotated[str, typer.Option(help="quick (2 minutes for all) or standard (23 minutes).")]
+Profile = Annotated[
+    str,
+    typer.Option(
+        help="quick (2 minutes for all) or standard (24 minutes); traffic also has coarse and full."
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed.  Equal seeds give equal files.", min=0)]
 Out = Annotated[
     Path, typer.Option(help="Folder for the results; each experiment gets a subfolder.")
@@ -63,6 +68,7 @@ ABOUT = {
     "loss": "Success rate under loss (figure 9, equation 2).",
     "safety": "Frequency and duration of hazards, and their bound (T-2).",
     "radio": "Success over a radio channel fitted to ns-3, and its fit.",
+    "traffic": "Traffic at scale in SUMO, with and without stations, and crowds that ask at once.",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)

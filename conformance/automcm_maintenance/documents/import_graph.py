@@ -22,7 +22,8 @@ LAYERS = {
     "automcm_traces": "format checker system explain edit export viewer",
     "automcm": "core encoding kernels security links adapters service bridge scenarios",
     "automcm_evaluation": (
-        "framework arrival bandwidth comfort loss safety radio traffic traffic_scenarios sweeps"
+        "framework arrival bandwidth comfort loss safety radio traffic traffic_scenarios "
+        "traffic_experiment sweeps"
     ),
     "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
     "automcm_cli": "shared conform reference spec trace",
@@ -35,7 +36,8 @@ BEGIN = {
     "automcm_traces": "log engine timeline explain log_shrinking itf_log page",
     "automcm": "rules codec trajectory verifier link spec_mapping service websocket_bridge drive",
     "automcm_evaluation": (
-        "experiment arrival bandwidth comfort loss safety radio traffic catalogue report"
+        "experiment arrival bandwidth comfort loss safety radio traffic catalogue "
+        "traffic_experiment report"
     ),
     "automcm_conformance": (
         "protocol exchange monitor graph_cases explore live graph_comparison report vectors"

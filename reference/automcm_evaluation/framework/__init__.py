@@ -1,5 +1,5 @@
 """The framework of the experiments: settings, independent cells, claims, intervals, figures.
 
-For the five experiments.
+For all experiments.
 They import it; it imports none of them.
 """

@@ -25,7 +25,9 @@ from automcm_evaluation.safety.ablations import WHOLE
 from automcm_evaluation.safety.safety_page import road_sum
 from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, WINDOWS_MS
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
+from automcm_evaluation.traffic_experiment.traffic_page import coverage, ended, signed
 from automcm_spec.support import files, markdown
+from automcm_spec.vocabulary.parameters import Parameters
 
 RESULTS, PAGE = "results.json", "README.md"
 
@@ -148,6 +150,7 @@ def evaluation(folder: Path) -> str:
     claims = [claim for report in reports.values() for claim in report["claims"]]
     mechanisms = [row for row in reports["safety"]["summary"]["mechanisms"] if row["rule"]]
     road = reports["safety"]["summary"]["road"]
+    traffic = reports["traffic"]["summary"]
     return markdown.page(
         PAGES / "evaluation.md.j2",
         folder=folder.name,
@@ -163,5 +166,10 @@ def evaluation(folder: Path) -> str:
         looks=[road_sum(road, LOOKS, begins) for begins in WINDOWS_MS],
         near_m=NEAR_M,
         removed=len(mechanisms),
+        traffic=traffic,
+        limit=Parameters().max_participants,
+        coverage=coverage(traffic["road"]),
+        signed=signed,
+        ended=ended(traffic["road"]),
         broken=sum(bool(row["unexcused"] or row["beyond"]) for row in mechanisms),
     )

@@ -67,11 +67,18 @@ def network(name: str, folder: Path) -> Path:
 class SumoMover:
     """SUMO with these road users on a network.  Raises TrafficError without SUMO.
 
-    ``folder`` takes its files.  ``gui`` opens sumo-gui.
+    ``folder`` takes its files.  ``gui`` opens sumo-gui.  ``cooperative``, from 0 to 1, is how
+    willing SUMO's own drivers are to make room for others (lcCooperative; 1 is SUMO's default).
     """
 
     def __init__(
-        self, users: Sequence[RoadUser], name: str, folder: Path, seed: int, gui: bool = False
+        self,
+        users: Sequence[RoadUser],
+        name: str,
+        folder: Path,
+        seed: int,
+        gui: bool = False,
+        cooperative: float = 1.0,
     ) -> None:
         if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
             raise TrafficError("sumo-gui needs a display: DISPLAY is not set")
@@ -83,7 +90,7 @@ class SumoMover:
         self._lines: dict[tuple[str, ...], RoadLine] = {}
         self._steered: set[int] = set()
         routes = folder / f"{name}.rou.xml"
-        routes.write_text(_routes(users), encoding="utf-8")
+        routes.write_text(_routes(users, cooperative), encoding="utf-8")
         program = "sumo-gui" if gui else "sumo"
         try:
             self._sumo.start(_command(program, net, routes, seed))
@@ -186,7 +193,7 @@ def _command(program: str, net: Path, routes: Path, seed: int) -> list[str]:
     return [program, *(part for k, v in options.items() for part in (f"--{k}", str(v)))]
 
 
-def _routes(users: Sequence[RoadUser]) -> str:
+def _routes(users: Sequence[RoadUser], cooperative: float) -> str:
     """The route file: a type and a vehicle for each user, in the order of their begins."""
     d, lines = AUTOMATED, ["<routes>"]
     for user in sorted(users, key=lambda user: (user.begins_s, user.number)):
@@ -204,7 +211,7 @@ def _routes(users: Sequence[RoadUser]) -> str:
             f'emergencyDecel="{d.hardest}" tau="{d.headway_s}" minGap="{d.standstill}" '
             f'maxSpeedLat="{LANE_WIDTH / d.lane_change_s}" lcAccelLat="{ASIDE}"'
             if user.equipped
-            else ""
+            else f'lcCooperative="{cooperative}"'
         )
         lines.append(
             f'<vType id="t{user.number}" length="{user.length}" width="{user.width}" '
