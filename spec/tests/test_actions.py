@@ -105,6 +105,8 @@ def test_the_next_of_the_random_behaviours_is_that_of_system(tmp_path: Path) -> 
         ("Together", "TogetherSpec", "Count", "TSpec", set()),
         ("TwoSessions", "FewSpec", "Few", "Spec", set()),
         ("Drift", "DriftSpec", "Kept", "TSpec", {"SlowTick"}),
+        ("TimedCutoff", "TimedCutoffSpec", "", "TSpec", {"QuarantineElsewhere"}),
+        ("AttackedTogether", "AttackedTogetherSpec", "Count", "TimedAttackedSpec", set()),
     ],
 )
 def test_a_next_made_of_another_leaves_none_of_its_actions_out(

@@ -1,9 +1,9 @@
 ---------------------------- MODULE AttackedLiveness ----------------------------
 (***************************************************************************)
-(* R-2 on the radio of Attacker.  It owes nothing: he delivers what he has *)
-(* recorded whenever and as often as he likes, or never.  So of the        *)
-(* fairness of Liveness only that of the timers is left, and L-2 says      *)
-(* nothing.                                                                *)
+(* L-1, L-3, L-4 and R-2 on the radio of Attacker.  It owes nothing: he    *)
+(* delivers what he has recorded whenever and as often as he likes, or     *)
+(* never.  So of the fairness of Liveness only that of the timers is left, *)
+(* and L-2 says nothing.                                                   *)
 (***************************************************************************)
 EXTENDS Liveness, Attacker
 
@@ -22,6 +22,11 @@ AttackedLivenessNext ==
 
 AttackedLivenessSpec == LInit /\ [][AttackedLivenessNext]_lvars /\ FairTimers
 
+\* L-3: from some moment on no CAM is heard, not even one of his.
+AttackedSilentSpec ==
+  LInit /\ [][AttackedLivenessNext \/ FallSilent]_lvars
+  /\ FairTimers /\ FairSilence
+
 LoyalFulfilled == INSTANCE Coordination WITH
   Drivers <- Loyal, Nothing <- NoSession,
   doing <- [s \in Loyal |-> LoyalDoing(s)],
@@ -31,5 +36,6 @@ LoyalFulfilled == INSTANCE Coordination WITH
 \* R-2 among the loyal.
 LoyalFulfilledProp == LoyalFulfilled!Spec
 
-THEOREM AttackedLivenessSpec => LoyalFulfilledProp
+THEOREM AttackedLivenessSpec => EndsProp /\ GivenUpProp /\ LoyalFulfilledProp
+THEOREM "lease" \in Missing => (AttackedSilentSpec => SilenceProp)
 ==============================================================================

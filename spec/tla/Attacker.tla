@@ -52,11 +52,10 @@ SessionsOfOthers == (Prescribers \ Keys) \X (1 .. MaxSessions)
 
 Proposals == 1 .. MaxRounds + 1
 
-\* As p, to station s, of session x: as its prescriber, as its receiver, or as
+\* As p, to station s, of session x: as its prescriber, its receiver, or as
 \* neither.  (An Ack of what s is not sending does nothing: END-6.)
-Sayings(p, s, x) ==
-  {Advertisement(p, x), Intention(p, x), Fin(p, s, x),
-   Cancel(p, s, x, "as_sent"),
+Interjections(p, s, x) ==
+  {Advertisement(p, x), Fin(p, s, x), Cancel(p, s, x, "as_sent"),
    [Cancel(p, s, x, "closed") EXCEPT !.seq = AnswerSeq(1)]}
   \cup UNION {{Prescription(p, s, x, k), Acceptance(p, x, k),
                Refusal(p, x, k, "as_sent"),
@@ -64,6 +63,9 @@ Sayings(p, s, x) ==
                 k \in Proposals}
   \cup {[Message("Ack", p, s, x, 0) EXCEPT !.of = <<e.type, e.seq>>] :
           e \in st[s].outbox}
+
+\* With an Intention he takes part in it.
+Sayings(p, s, x) == {Intention(p, x)} \cup Interjections(p, s, x)
 
 \* The values to which he changes a field.
 Values(f) ==

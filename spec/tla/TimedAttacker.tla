@@ -79,12 +79,18 @@ Attacked ==
         EXCEPT !.aborters = Honest, !.restarters = Restarters,
                !.commands = @ \cup {"refuse", "complete"} ] }
 
+\* T-6 is about receivers that break off.
+BreaksOffAttacked ==
+  { [e EXCEPT !.aborters = Receivers,
+              !.commands = {"request", "prescribe", "accept", "abort"}] :
+      e \in Attacked }
+
 \* T-2.
 ClaimedUnderAttack(e) == Min(Lease, Window + CamLoss)
 
 THEOREM TimedAttackedSpec => [](AcceptedInv /\ AgreementInv /\ SettledHazardInv)
 THEOREM TimedAttackedSpec => [](DurationInv /\ HazardInv /\ SendingsInv)
-THEOREM TimedAttackedSpec => [](LeaseInv /\ OrdersInv)
+THEOREM TimedAttackedSpec => [](LeaseInv /\ OrdersInv /\ OneWordInv)
 
 (***************************************************************************)
 (* Must-fail models                                                        *)

@@ -11,8 +11,8 @@ from automcm_spec.support.paths import MODELS
 ATTACKERS = ("outsider", "insider", "thief")
 PROPERTIES = (
     *models.SAFETY,
-    *(f"T-{n}" for n in range(1, 6)),
-    *("R-1", "R-2"),
+    *(f"T-{n}" for n in (*range(1, 7), 9)),
+    *("L-1", "L-3", "L-4", "R-1", "R-2"),
 )
 _DEFENCES = ("Dies", "WindowOf", "MaySign", "Signed", "OfPeer", "WithinRounds")
 """Parts of the envelope and of the station. A model that replaces one is not in the table."""
@@ -49,7 +49,7 @@ def _shown(model: models.Model, cfg: str) -> set[str]:
     if "Reduced = TRUE" in text:
         found.discard("S-6")  # about Acks, which are left out
     if len(_ids(text, "Prescribers")) < 2:
-        found.discard("S-8")  # about two prescribers
+        found -= {"S-8", "T-6"}  # about two prescribers
     if model.property == "R-1":
         found.add("R-2")  # includes R-1
     return found

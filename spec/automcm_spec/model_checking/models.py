@@ -64,7 +64,7 @@ SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 ALONE = ("Independence", "OpenStation", "ProbeStation", "StationProperties")
 
 #: The modules with an attacker, who sends forged messages.
-ATTACKED = ("Attacker", "TimedAttacker", "AttackedLiveness", "Projection")
+ATTACKED = ("Attacker", "TimedAttacker", "AttackedTogether", "AttackedLiveness", "Projection")
 
 #: The id of a property by its name in the modules, or by the name of its timed version or of the
 #: one among the stations whose keys an attacker does not have.
