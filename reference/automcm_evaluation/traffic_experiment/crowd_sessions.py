@@ -69,7 +69,7 @@ class Crowd(Stations):
     def _move(self) -> None:
         now = self.clock.now()
         ahead = SPEED_M_S * now / 1000
-        self.medium.move(
+        self.links.move(
             {n: (ahead + 1000 * n / PER_KM, n % LANES * LANE_WIDTH) for n in self.applications}
         )
         self.clock.at(now + STEP_MS, self._move)
@@ -116,7 +116,7 @@ def answers(values: Values, seed: int) -> Values:
         "agreed_ms": after(own.agreed_ms),
         "free_ms": after(free_ms),
         "messages": _messages(crowd) - before,
-        "busy": round(crowd.medium.radio.channel_busy_ratio(asker), 3),
+        "busy": round(crowd.links.radio.channel_busy_ratio(asker), 3),
     }
 
 
@@ -153,7 +153,7 @@ def all_ask(values: Values, seed: int) -> Values:
         "median_ms": round(quantile(times, 0.5)) if times else None,
         "last_ms": times[-1] if times else None,
         "ended": dict(sorted(crowd.ended.items())),
-        "busy": round(crowd.medium.radio.channel_busy_ratio(1), 3),
+        "busy": round(crowd.links.radio.channel_busy_ratio(1), 3),
         "hazards": hazards["lengths"],
         "bound_ms": hazards["bound_ms"],
         "wrong": hazards["wrong"],

@@ -10,10 +10,10 @@ from automcm.links.table_radio import TableRadio
 from automcm.scenarios.road import LANE_WIDTH
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_evaluation.framework.intervals import quantile
+from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.sumo_mover import SumoMover
 from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_medium import EvenRadio
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
