@@ -245,7 +245,7 @@ def lease_counted_from_the_prescription() -> None:
     Station._duration = lasts  # type: ignore[method-assign]
 
 
-@cause("NEG-1", "OnPrescription", "Ack.of")
+@cause("END-6", "Ack", "Ack.of.seq: missing")
 def an_ack_without_seq() -> None:
     @answers
     def nameless(kit: Kit, command: Json, answer: Json) -> None:

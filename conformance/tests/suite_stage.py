@@ -20,7 +20,7 @@ from automcm_spec.graph.oracle import Oracle, content
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 
 Json = Any
-LIMIT = 20.0
+LIMIT = 60.0
 SHORT = 1.0
 """A time limit that the test waits for."""
 STATES = 200

@@ -176,6 +176,17 @@ def test_a_difference_is_found_and_shown(folder: Path) -> None:
     assert "finished" in found.right and "finished" not in found.wrong
 
 
+def test_a_mutant_that_ends_the_first_look_goes_to_the_suite(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def ended(*_: object) -> None:
+        raise equivalence.WalkError("exit code 1: MemoryError")
+
+    monkeypatch.setattr(equivalence, "differs", ended)
+    mutant = changed("station", "return min(armed(", "return max(armed(")
+    assert certificate._first_look(mutant, tmp_path, Asked(tmp_path)) == set()
+
+
 def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
     kinds = {m.id.rsplit("/", 1)[0]: equivalence.kinds_of(m) for m in made.mutants}
     assert kinds["state/armed"] == kinds["phases/ReceiverPhases"] == set()

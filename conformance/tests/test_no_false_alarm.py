@@ -30,9 +30,10 @@ def vary(c, out):
     return json.dumps(out).replace(": 0,", ": -0,").replace("[0, 0,", "[-0, -0,").encode() + b"\\n"
 """,
     "session numbers from a clock": """
+UNIX_US = 1_700_000_000_000_000
 def before(c):
     if c["cmd"] == "command" and c["command"]["name"] == "request" and not state().bound:
-        number = max(state().number, c["now"] * 1000)
+        number = max(state().number, UNIX_US + min(c["now"] * 1000, 2**52))
         station._station.state = state()._replace(number=number)
 """,
 }

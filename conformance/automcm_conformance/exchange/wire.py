@@ -166,7 +166,7 @@ class Wire:
         points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
         if self.rich:
             points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, POINTS - 1)]
-        return {"t0": 10 * session[1] + k, "points": points}
+        return {"t0": (10 * session[1] + k) % LIMIT, "points": points}
 
     def session(self, s: Session) -> list[int]:
         """A session in real ids. An own session that is not open yet has a later number."""

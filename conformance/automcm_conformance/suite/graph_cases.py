@@ -35,6 +35,8 @@ from automcm_conformance.suite.tally import (
     finding,
 )
 from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.rules import operators
 from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
 from automcm_traces.checker.finding import Finding
 
@@ -126,7 +128,8 @@ class Runner:
         if self.adapter.broken >= PATIENCE:
             return f"cut short after {self.adapter.broken} crashes or hangs"
         if self.enough and len(self.failed) >= self.enough:
-            return f"cut short after {len(self.failed)} cases that did not pass"
+            n = len(self.failed)
+            return f"cut short after {n} failed case{'' if n == 1 else 's'}"
         return self.ended
 
     @property
@@ -461,6 +464,12 @@ class Runner:
             return
         inputs, error = short
         culprit, why = self._culprit(part, inputs, error, least)
+        if self.timed and not kind and why and not part.oracle.is_move(*culprit):
+            near = _nearer(short, tours.path(culprit[0]), culprit[1], error, attempt)
+            self.adapter.broken = before
+            if near is not None and near is not short:
+                inputs, error = near
+                culprit, why = self._culprit(part, inputs, error, True)
         blamed = self._tally(part, run.owners, part.oracle.given(*culprit))
         error, unconfirmed = self.confirmed(blamed, error, repeated=True)
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
@@ -542,6 +551,8 @@ class Runner:
             decided = deciding(part.oracle, error, pair)
         if isinstance(error, Mismatch) and error.problems[0].kind == MARKS:
             decided = Deciding("ACT-5")
+        elif isinstance(error, Mismatch) and error.problems[0].kind.startswith("Ack.of"):
+            decided = Deciding("END-6", "Ack", operators(TLA)["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
         found = finding(error, decided.rule, why, unconfirmed=unconfirmed)

@@ -205,9 +205,15 @@ def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None,
 
 
 def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
-    """The cases that should find it; None without a difference on the graphs of the quick look."""
+    """The cases that should find it; None without a difference on the graphs of the quick look.
+
+    A mutant that does not survive the look, such as one that allocates without end, differs.
+    """
     for walk in _looked_at(asked):
-        found = equivalence.differs(mutant, source, asked.folder, walk)
+        try:
+            found = equivalence.differs(mutant, source, asked.folder, walk)
+        except WalkError:
+            return set()
         if found is not None:
             return equivalence.hint(walk, found, _Worker.graphs.owners)
     return None
