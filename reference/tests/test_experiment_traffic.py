@@ -90,6 +90,8 @@ def test_runs_without_stations_are_shared_by_all_penetrations() -> None:
     found = [v for v in cells(SMALL) if v["part"] == "road"]
     assert [v["variant"] for v in found].count("none") == 2
     assert [v["variant"] for v in found].count("silent") == 4
+    two = tuple(("lane-change-4", 50.0, (share,), 1) for share in (0.5, 1.0))
+    assert [v.get("variant") for v in cells(Scale(blocks=two))].count("none") == 1
     assert not [v for v in cells(SMALL.model_copy(update={"sumo": False})) if v["part"] == "road"]
     with pytest.raises(ExperimentError, match="no scenario 'circus'"):
         cells(Scale(blocks=(("circus", 50.0, (1.0,), 1),)))
