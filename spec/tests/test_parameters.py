@@ -206,12 +206,16 @@ TIMED = {
 }
 SHORT_WINDOW = {
     *("bound_less_one", "cam_ahead", "cam_far_ahead", "cam_loss", "cam_loss_too_short"),
-    *("cams_without_marks", "closes_in_any_phase"),
+    *("cams_without_marks", "closes_in_any_phase", "cutoff_cam_of_another"),
     *("hazard_anything", "hazard_bounds", "hazard_bounds_no_delay", "hazard_bounds_short_lease"),
     *("keeps_the_others", "left_alone", "left_by_abort_less_one", "left_by_fin_less_one"),
     *("left_waiting_less_one", "one_word_timed", "plain_cams"),
     *("quarantine_too_short", "silent_cam_loss", "together", "together_delay", "together_slow"),
-    *(name for name, text in TIMED.items() if "TimedAttackedSpec" in text),
+    *(
+        name
+        for name, text in TIMED.items()
+        if re.search("TimedAttackedSpec|AttackedTogetherSpec", text)
+    ),
 }
 """What they check does not depend on how long the window for Intentions is open."""
 

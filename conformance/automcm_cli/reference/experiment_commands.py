@@ -68,7 +68,7 @@ ABOUT = {
     "loss": "Success rate under loss (figure 9, equation 2).",
     "safety": "Frequency and duration of hazards, and their bound (T-2).",
     "radio": "Success over a radio channel fitted to ns-3, and its fit.",
-    "traffic": "Traffic at scale in SUMO, with and without stations, and crowds that ask at once.",
+    "traffic": "Traffic in SUMO with and without stations, and crowds.",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)
