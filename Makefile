@@ -1,6 +1,9 @@
 # Needs make and Python 3.11 or newer. The first target creates .venv.
 PYTHON ?= python3
 BIN := .venv/bin
+# The files of requirements are complete.  Without --no-deps pip looks for other versions and fails
+# when an indirect requirement has a new release.
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-deps
 
 # Python decodes the paths of our packages by the locale; these two locales only know ASCII.
 ifneq ($(filter C POSIX,$(LC_ALL)),)
@@ -96,25 +99,22 @@ ready:
 	  { echo "automcm needs Python 3.11 or newer: make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@echo "Installing into .venv ..."
 	@$(PYTHON) -m venv --clear .venv
-	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
-	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-deps \
-	  --only-binary :all: -r requirements-peers.txt || \
+	@$(INSTALL) -r requirements.txt
+	@$(BIN)/pip check > .venv/check || { cat .venv/check >&2; exit 1; }
+	@$(INSTALL) --only-binary :all: -r requirements-peers.txt || \
 	  echo "requirements-peers.txt could not be installed: the tests that need it are skipped."
 	@touch $@
 
 # More than a gigabyte, and not available everywhere: a missing tool is skipped with a warning and
 # tried again next time.
 .venv/foreign: .venv/packages requirements-foreign.txt requirements-ns3.txt
-	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
-	  -r requirements-ns3.txt || \
+	@$(INSTALL) -r requirements-ns3.txt || \
 	  echo "requirements-ns3.txt could not be installed: tests that need ns-3 are skipped."
-	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
-	  --only-binary :all: -r requirements-foreign.txt && touch $@ || \
+	@$(INSTALL) --only-binary :all: -r requirements-foreign.txt && touch $@ || \
 	  echo "requirements-foreign.txt could not be installed: tests that need it are skipped."
 
 .venv/docs: .venv/packages requirements-docs.txt
-	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
-	  --only-binary :all: -r requirements-docs.txt
+	@$(INSTALL) --only-binary :all: -r requirements-docs.txt
 	@touch $@
 
 .venv/ready: .venv/packages pyproject.toml
