@@ -57,7 +57,7 @@ class Browser:
         page.on("request", self._asked)
         page.goto(f"file://{path}{after}")
         if how.get("java_script_enabled", True):
-            page.wait_for_function("document.querySelector('#svg .heads')")
+            page.locator("#svg .heads").first.wait_for(state="attached")
         yield page
         context.close()
 
