@@ -8,8 +8,9 @@ Needs ns-3 (automcm[radio]); without it it is skipped, and says so.
 from __future__ import annotations
 
 import sys
-import traceback
 from collections.abc import Callable
+
+from foreign_checks import run
 
 from automcm.links.ns3_radio import SEEDS, Ns3Radio
 from automcm.links.propagation import airtime_us
@@ -103,22 +104,8 @@ CHECKS: tuple[Callable[[], None], ...] = (
 
 
 def main() -> int:
-    if (reason := missing("radio")) is not None:
-        print(f"SKIPPED: the comparison with ns-3: it {reason}")
-        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
-        return 0
-    failed = 0
-    for check in CHECKS:
-        name = check.__name__.replace("_", " ")
-        try:
-            check()
-            print(f"ok      {name}")
-        except Exception as error:
-            failed += 1
-            where = traceback.extract_tb(error.__traceback__)[1]
-            print(f"FAILED  {name}, line {where.lineno}: {error!r}")
-    print(f"{len(CHECKS) - failed} passed, {failed} failed")
-    return 1 if failed else 0
+    reason = missing("radio")
+    return run("the comparison with ns-3", CHECKS, None if reason is None else f"it {reason}")
 
 
 if __name__ == "__main__":

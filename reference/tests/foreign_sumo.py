@@ -8,9 +8,10 @@ Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and 
 from __future__ import annotations
 
 import sys
-import traceback
 from collections.abc import Callable
 from typing import Any
+
+from foreign_checks import run
 
 from automcm_evaluation.arrival import arrival, arrival_claims, sumo
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, chosen
@@ -97,21 +98,8 @@ def main() -> int:
     try:
         sumo.libsumo()
     except ExperimentError as error:
-        print(f"SKIPPED: the comparison with SUMO: {error}")
-        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
-        return 0
-    failed = 0
-    for check in CHECKS:
-        name = check.__name__.replace("_", " ")
-        try:
-            check()
-            print(f"ok      {name}")
-        except Exception as error:
-            failed += 1
-            where = traceback.extract_tb(error.__traceback__)[1]
-            print(f"FAILED  {name}, line {where.lineno}: {error!r}")
-    print(f"{len(CHECKS) - failed} passed, {failed} failed")
-    return 1 if failed else 0
+        return run("the comparison with SUMO", CHECKS, str(error))
+    return run("the comparison with SUMO", CHECKS, None)
 
 
 if __name__ == "__main__":

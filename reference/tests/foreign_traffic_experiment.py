@@ -8,9 +8,10 @@ Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and 
 from __future__ import annotations
 
 import sys
-import traceback
 from collections.abc import Callable
 from typing import Any
+
+from foreign_checks import run
 
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.sweeps import sweep
@@ -61,21 +62,8 @@ def main() -> int:
     try:
         sumo_home()
     except TrafficError as error:
-        print(f"SKIPPED: the experiment on traffic: {error}")
-        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
-        return 0
-    failed = 0
-    for check in CHECKS:
-        name = check.__name__.replace("_", " ")
-        try:
-            check()
-            print(f"ok      {name}", flush=True)
-        except Exception as error:
-            failed += 1
-            where = traceback.extract_tb(error.__traceback__)[1]
-            print(f"FAILED  {name}, line {where.lineno}: {error!r}", flush=True)
-    print(f"{len(CHECKS) - failed} passed, {failed} failed")
-    return 1 if failed else 0
+        return run("the experiment on traffic", CHECKS, str(error))
+    return run("the experiment on traffic", CHECKS, None)
 
 
 if __name__ == "__main__":
