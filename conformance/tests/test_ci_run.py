@@ -47,13 +47,13 @@ def write(path: Path, text: str) -> None:
     path.chmod(0o755)
 
 
-def run(clone: Path, test: str) -> subprocess.CompletedProcess[str]:
+def run(clone: Path, test: str, **settings: str) -> subprocess.CompletedProcess[str]:
     """.ci/run with a make whose target ``test`` runs this shell command."""
     write(clone / "bin" / "make", MAKE.format(test=test))
     path = f"{clone / 'bin'}:{os.environ['PATH']}"
     return subprocess.run(
         [clone / ".ci" / "run"],
-        env=os.environ | {"PATH": path, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env=os.environ | {"PATH": path, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"} | settings,
         capture_output=True,
         text=True,
     )
@@ -64,7 +64,16 @@ def test_a_failure_without_a_failed_test_ends_with_the_code_of_make(clone: Path)
     found = run(clone, "exit 2")
     assert found.returncode == 2
     assert "make test failed (code 2) without a failed test" in found.stderr
-    assert "make test-whole" not in found.stdout
+    assert "make verify" not in found.stdout
+
+
+@pytest.mark.parametrize(("until", "slow"), [("600", True), ("0", False)])
+def test_the_slow_tests_run_only_if_there_is_time(clone: Path, until: str, slow: bool) -> None:
+    found = run(clone, "exit 0", SLOW_UNTIL=until)
+    assert found.returncode == 0, found.stderr
+    assert ("make test-whole" in found.stdout) is slow
+    assert ("SKIPPED: the slow tests" in found.stderr) is not slow
+    assert "make test-foreign" in found.stdout
 
 
 def test_a_test_that_failed_in_an_earlier_run_hides_nothing(clone: Path) -> None:
@@ -77,4 +86,4 @@ def test_a_failed_test_runs_once_more(clone: Path, text: str, code: int) -> None
     (clone / "test_it.py").write_text(text)
     found = run(clone, ".venv/bin/pytest -q")
     assert found.returncode == code, found.stdout + found.stderr
-    assert ("make test-whole" in found.stdout) is (code == 0)
+    assert ("make verify" in found.stdout) is (code == 0)

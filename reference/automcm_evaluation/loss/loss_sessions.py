@@ -33,16 +33,11 @@ class Outcome:
     """The number of messages without CAMs."""
 
 
-def session(
-    t_timeout: int, channel: Channel, seed: int, close_window: CloseWindow | None = None
-) -> Outcome:
-    """One session of a prescriber and an accepting receiver, from the request on.
+def until_agreed(simulation: Simulation, parameters: Parameters) -> tuple[str, int]:
+    """Adds a prescriber, 1, and an accepting receiver, 2, and runs one session of theirs.
 
-    ``close_window`` is as in ``McService``; the paper's window has a fixed length.
+    Returns the phase in which the prescriber is then, ACTUATING or STANDALONE, and since when, ms.
     """
-    service = partial(McService, close_window=close_window)
-    simulation = Simulation(seed=seed, channel=channel, service=service)
-    parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
     ends: list[tuple[str, int]] = []
 
     def observe(before: State, effects: Effects) -> None:
@@ -61,7 +56,20 @@ def session(
     while not ends:
         until += STEP_MS
         simulation.run(until)
-    (phase, at), *_ = ends
+    return ends[0]
+
+
+def session(
+    t_timeout: int, channel: Channel, seed: int, close_window: CloseWindow | None = None
+) -> Outcome:
+    """One session of a prescriber and an accepting receiver, from the request on.
+
+    ``close_window`` is as in ``McService``; the paper's window has a fixed length.
+    """
+    service = partial(McService, close_window=close_window)
+    simulation = Simulation(seed=seed, channel=channel, service=service)
+    parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
+    phase, at = until_agreed(simulation, parameters)
     # S-3: a prescriber acts only on an Acceptance that its target, then committed, has sent.
     sent = sum(
         n

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from random import Random
 
-from automcm.core.state import State
-from automcm.core.station import Effects
 from automcm.links.link import Link
 from automcm.links.radio_link import RadioLinks
 from automcm.links.table_radio import TableRadio
 from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_evaluation.framework.experiment import Values, columns
 from automcm_evaluation.framework.intervals import mean
 from automcm_evaluation.loss import loss_road
+from automcm_evaluation.loss.loss_sessions import until_agreed
 from automcm_evaluation.loss.loss_tables import four_messages, three_exchanges
 from automcm_spec.vocabulary.parameters import Parameters
 
-STEP_MS = 100
 SAMPLES = 2000
 """States of the channel over which a model is averaged."""
 FAR_APART_M = 1000.0
@@ -54,26 +51,8 @@ class OverRadio(Simulation):
 def session(t_timeout: int, seed: int, *, apart_m: float, load: float) -> bool:
     """Whether a prescriber and an accepting receiver agree."""
     simulation = OverRadio(seed=seed, apart_m=apart_m, load=load)
-    parameters = Parameters(t_timeout=t_timeout)
-    ends: list[str] = []
-
-    def observe(before: State, effects: Effects) -> None:
-        if before.bound and effects.state.phase in ("ACTUATING", "STANDALONE"):
-            ends.append(effects.state.phase)
-
-    for station_id in (1, 2):
-        simulation.add(
-            station_id,
-            Straight(concerned_by_all=station_id == 2, think_ms=1),
-            parameters,
-            observers=(observe,) if station_id == 1 else (),
-        )
-    simulation.request(1, 0)
-    until = 0
-    while not ends:
-        until += STEP_MS
-        simulation.run(until)
-    return ends[0] == "ACTUATING"
+    phase, _ = until_agreed(simulation, Parameters(t_timeout=t_timeout))
+    return phase == "ACTUATING"
 
 
 def models(t_timeout: int, seed: int, *, apart_m: float, load: float) -> Values:
