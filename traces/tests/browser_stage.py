@@ -57,7 +57,7 @@ class Browser:
         page.on("request", self._asked)
         page.goto(f"file://{path}{after}")
         if how.get("java_script_enabled", True):
-            page.locator("#svg .heads").first.wait_for(state="attached")
+            page.wait_for_function("document.querySelector('#svg .heads')")
         yield page
         context.close()
 
