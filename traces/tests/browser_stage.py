@@ -57,7 +57,10 @@ class Browser:
         page.on("request", self._asked)
         page.goto(f"file://{path}{after}")
         if how.get("java_script_enabled", True):
-            page.wait_for_function("document.querySelector('#svg .heads')")
+            try:
+                page.wait_for_function("document.querySelector('#svg .heads')")
+            except Exception as error:
+                raise AssertionError(f"{path.name} does not open: {self.problems}") from error
         yield page
         context.close()
 

@@ -37,7 +37,7 @@ from automcm_traces.export.itf_log import from_log
 from automcm_traces.format.log import TimerArm
 from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
-from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page import SCRIPTS, VIEWER, html
 from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load
 from automcm_traces.viewer.page_follow import EXPIRED, RESTARTED
 from automcm_traces.viewer.page_pack import compact
@@ -313,6 +313,32 @@ def test_the_policy_lets_only_this_script_and_style_run() -> None:
         assert f"{name} 'sha256-{digest}'" in policy
     outside = re.sub(r"http://www.w3.org/2000/svg", "", page)
     assert not re.search(r'(src|href)="|https?://|@import|url\(', outside)
+
+
+def declared(line: str) -> list[str]:
+    """The names that a line of JavaScript declares at the top level."""
+    found = re.match(r"(?:async )?(const|let|var|class|function\*?) +(.*)", line)
+    if found is None:
+        return []
+    if several := re.match(r"[\[{]([\w$, ]*)[\]}]", found[2]):
+        return re.findall(r"[\w$]+", several[1])
+    rest, last = found[2], ""
+    while rest != last:  # without what is in brackets
+        rest, last = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}", "", rest), rest
+    names = re.findall(r"(?:^|, )([\w$]+) =(?![=>])", rest)
+    return names or re.findall(r"^[\w$]+", rest)
+
+
+def test_the_scripts_declare_each_name_once() -> None:
+    """They become one script, which does not start if two of them declare a name."""
+    where: dict[str, list[str]] = {}
+    for script in SCRIPTS:
+        for line in (VIEWER / script).read_text().splitlines():
+            for name in declared(line):
+                where.setdefault(name, []).append(script)
+    assert len(where) > 250
+    assert where["LANE"] == ["layout.js"] and where["FORGED"] == ["data.js"]
+    assert {name: found for name, found in where.items() if len(found) > 1} == {}
 
 
 def test_without_javascript_there_is_a_table_of_all_rows() -> None:

@@ -84,7 +84,7 @@ function traffic(row) {
     strip.append(make("rect", { class: kind, x: -long / 2, y: -broad / 2, width: long, height: broad,
       rx: 1, transform: `translate(${at[0]} ${at[1]}) rotate(${(-user.heading_mrad * 180) / (1000 * Math.PI)})` }));
     if (!logged.has(user.src)) continue;
-    strip.append(nameOf(String(user.src), at[0], at[1], names).label);
+    strip.append(labelOf(String(user.src), at[0], at[1], names).label);
     told.push(`${user.src} at ${(user.x_mm / 1000).toFixed(1)}, ${(user.y_mm / 1000).toFixed(1)} m`);
   }
   strip.setAttribute("aria-label", told.join("; "));
@@ -114,7 +114,7 @@ function road(run, row) {
 }
 
 /** A name above a place and above the names of its neighbours; empty where there is no room. */
-function nameOf(name, x, y, names) {
+function labelOf(name, x, y, names) {
   const half = textWidth(name) * 0.6 + 2, label = make("g", {});
   let up = y - 12;
   const isTaken = (one) => Math.abs(one.x - x) < one.half + half && Math.abs(one.up - up) < 17;
@@ -130,7 +130,7 @@ function vehicle(v, x, y, names) {
   const turn = Number.isFinite(v.heading_mrad) ? (-v.heading_mrad * 180) / (1000 * Math.PI) : 0;
   const group = make("g", {}, make("path", { class: "vehicle", d: "M12 0L-9 -6L-4 0L-9 6Z",
     transform: `translate(${x} ${y}) rotate(${turn})` }));
-  const { label, up } = nameOf(String(v.src), x, y, names);
+  const { label, up } = labelOf(String(v.src), x, y, names);
   if (up < 13) return group;
   group.prepend(make("line", { class: "tick", x1: x, x2: x, y1: y, y2: up + 2 }));
   group.append(label);
