@@ -228,6 +228,11 @@ def test_answers_that_are_large_together() -> None:
     assert caught.value.kind == "output"
 
 
+def test_a_line_that_is_no_object_is_shown() -> None:
+    prints = "import sys\nfor line in sys.stdin: print('DEBUG: late\\n{}', flush=True)"
+    assert ", among them 'DEBUG: late' (did you mean to" in str(failure(prints))
+
+
 def test_more_answers_than_asked() -> None:
     twice = "import sys\nfor line in sys.stdin: sys.stdout.write('1\\n2\\n'); sys.stdout.flush()"
     assert failure(twice, 3).kind == "output"
@@ -361,6 +366,29 @@ if os.fork() == 0:
 sys.stdin.readline()
 time.sleep(600)
 """
+
+
+NAMELESS = """
+import os, sys
+if os.fork() == 0:
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    print(os.getpid(), flush=True)
+    os.execve("/bin/sleep", ["sleep", "600"], {})
+sys.stdin.readline()
+sys.stdin.readline()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_daemon_with_an_empty_environment_ends_too(stops: bool) -> None:
+    with start(NAMELESS) as child:
+        (pid,) = map(int, child.exchange([b"go\n"]))
+        assert alive(pid)
+        assert not stops or child.stop() is None
+    assert gone(pid) and not child.left
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc")

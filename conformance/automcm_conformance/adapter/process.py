@@ -30,6 +30,8 @@ LIMIT_S = 10.0
 """Default of ``--limit``: the real time in seconds that an answer may take."""
 STDERR_LINES = 30
 """How many of the last lines of standard error are kept."""
+QUOTED = 100
+"""At most this many characters of a line are shown in a sentence."""
 STDERR_LENGTH = 2_000
 """How many characters of each of these lines are kept."""
 TOTAL_FACTOR = 64
@@ -188,7 +190,7 @@ class Process:
             elif monotonic() >= due or self._silent():
                 self._fail_silent(answers, expected)
         if len(answers) > expected or self._partial or self._unsent:
-            self._fail("output", TOO_MANY, answers[:expected])
+            self._fail("output", f"{TOO_MANY}{_no_object(answers)}", answers[:expected])
         return answers
 
     def stop(self, line: bytes = STOP) -> str | None:
@@ -199,6 +201,8 @@ class Process:
         if not self._open:
             return None
         exited_before, has_output = self._exited(), bool(self._partial)
+        # While the process runs, all descendants are found by their parents.
+        others = children.opened(children.descendants(self._process.pid, self._mark))
         with suppress(BlockingIOError, BrokenPipeError):
             if not self._stdin_closed:
                 os.write(self._in, line)
@@ -209,6 +213,14 @@ class Process:
         has_output |= self._discard(0.0)
         ended = self._exited()
         self.kill()
+        for other, descriptor in others.items():
+            try:
+                signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+            except ProcessLookupError:
+                pass  # it has ended
+            except PermissionError:
+                self.left = sorted({*self.left, other})
+            os.close(descriptor)
         if self.left:
             return f"processes of the adapter are still running: {', '.join(map(str, self.left))}"
         if not ended:
@@ -353,6 +365,14 @@ class Process:
 def _number(pipe: IO[bytes] | None) -> int:
     assert pipe is not None
     return pipe.fileno()
+
+
+def _no_object(lines: Sequence[bytes]) -> str:
+    """Shows the first of the lines that cannot be an answer; empty if there is none."""
+    other = next((line for line in lines if not line.startswith(b"{")), None)
+    if other is None:
+        return ""
+    return f", among them {_shown(other)[:QUOTED]!r} (did you mean to write it to standard error?)"
 
 
 def _shown(line: bytes) -> str:

@@ -13,7 +13,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,8 @@ def marked(name: str) -> dict[str, str]:
 def descendants(process: int, name: str) -> set[int]:
     """The ids of the processes outside the group of ``process``, which must not be reaped yet,
     that descend from it or carry its mark: those that called setsid, also if their parent has
-    ended. Only on Linux; elsewhere empty."""
+    ended. Once ``process`` has ended, only the mark shows those whose parent has ended too. Only on
+    Linux; elsewhere empty."""
     wanted, parents = f"{MARK}={name}".encode(), dict[int, int]()
     group = {process, os.getpid()}
     found = set[int]()
@@ -94,6 +95,17 @@ def descendants(process: int, name: str) -> set[int]:
     while more := {child for child, parent in parents.items() if parent in family} - family:
         family |= more
     return (found | family) - group
+
+
+def opened(processes: Iterable[int]) -> dict[int, int]:
+    """File descriptors of these processes, by their ids, for ``signal.pidfd_send_signal``: another
+    process that gets the id later is not meant. Without those that have ended; empty before Linux
+    5.3."""
+    found = {}
+    for number in processes:
+        with suppress(OSError):
+            found[number] = os.pidfd_open(number)
+    return found
 
 
 def end_with_parent() -> None:

@@ -3,9 +3,9 @@
     python -I -S launcher.py PARENT LINK GROUP COMMAND...
 
 PARENT is the process id of the parent. LINK is a socket to it, or -1. GROUP is 1 to run the command
-in its own session and end its whole process group. The parent sends a byte over the link when the
-command may run; if it cannot be started, the errno is sent back. Linux only. It is run as a file,
-without any package.
+in its own session, end its whole process group, and make it the parent of its orphans. The parent
+sends a byte over the link when the command may run; if it cannot be started, the errno is sent
+back. Linux only. It is run as a file, without any package.
 """
 
 import ctypes
@@ -15,6 +15,7 @@ import signal
 import sys
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
 _NOT_STARTED = 127
 
 
@@ -29,6 +30,8 @@ def _main() -> None:
         os.setsid()
     if watched is not None:
         _watch(watched)
+    if group:  # after _watch: the watcher must not become a child of the command
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
     if link >= 0:
         os.set_inheritable(link, False)
         if not os.read(link, 1):
