@@ -117,3 +117,20 @@ def test_a_replay_is_read(tmp_path: Path) -> None:
     about, (step,) = records.read_replay(path)
     assert about == {"case": "c", "rule": "r", "what": "w"}
     assert (step.now, step.line, step.expected) == (0, b"{}\n", Expected())
+
+
+def test_differences_are_in_the_words_of_json() -> None:
+    refused = {"name": "refused"}
+    expected = Expected(indications=[refused])
+    found = [p.text for p in answers.differences(expected, line(deadline=5))]
+    assert found == [
+        "indications: expected refused, got none",
+        "deadline: expected null, got 5",
+    ]
+
+
+def test_many_messages_that_are_missing_are_counted() -> None:
+    sent = [{"type": "Cancel", "session": [1, 1], "seq": n, "dst": n} for n in range(2, 18)]
+    first, more = answers.differences(Expected(messages=sent), line())
+    assert first.text.startswith('not sent: Cancel {"type":"Cancel"')
+    assert more.text == "not sent: 15 more of type Cancel" and more.kind == first.kind

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from suite_stage import ACCEPTS, BUSY, FOREIGN, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance.exchange.results import KEPT
+from automcm_conformance.exchange.answers import differences
+from automcm_conformance.exchange.confirmation import in_fresh_process
+from automcm_conformance.exchange.exchange import Mismatch, Step
+from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC
+from automcm_conformance.exchange.wire import Expected
 
 STATIC = """
 joined = set()
@@ -27,6 +33,40 @@ def test_state_that_is_kept_over_reset_is_named(conform: Suite) -> None:
     (case,) = found.cases
     assert case.verdict == "ERROR" and case.reason.startswith(f"{KEPT}: a fresh process")
     assert found.causes[0].shown.difference == KEPT
+
+
+class Scripted:
+    """An adapter whose processes give the wrong deadline, or the right one, as a list says."""
+
+    def __init__(self, wrong: list[bool], runs: bool) -> None:
+        self.wrong, self.runs = wrong, runs
+        self.broken = self.hung = 0
+
+    def renew(self) -> None:
+        self.runs = False
+
+    def exchange(self, lines: list[bytes], *, continued: bool = False) -> list[bytes]:
+        deadline = "7" if self.wrong.pop(0) else "null"
+        return [f'{{"messages":[],"indications":[],"deadline":{deadline}}}'.encode()]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "runs", "why"),
+    [
+        ([True, True], True, ""),
+        ([True, False, False, False], True, KEPT),
+        ([False, False, False, False], True, NONDETERMINISTIC),
+        ([False, False, False], False, KEPT),
+    ],
+)
+def test_state_is_kept_only_if_the_used_process_fails_again(
+    wrong: list[bool], runs: bool, why: str
+) -> None:
+    step = Step(1, {"cmd": "reset"}, Expected())
+    step.answer = b'{"messages":[],"indications":[],"deadline":7}'
+    adapter: Any = Scripted(wrong, runs)
+    error = Mismatch([step], differences(step.expected, step.answer))
+    assert in_fresh_process(adapter, error, repeated=True)[1] == why
 
 
 BATCHES = """

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from broken_stations import broken
 from suite_stage import ACCEPTS, BUSY, FOREIGN, IGNORES, LATER, LIMIT, SHORT, Suite, graph, of
 from suite_stage import conform as conform
 from test_process import gone
@@ -298,7 +299,16 @@ def test_a_quick_run_says_what_it_omits(conform: Suite) -> None:
 def test_a_run_stops_after_so_many_failed_cases(conform: Suite) -> None:
     found = conform(station(IGNORES), states=60, stop_after=1)
     assert found.counts["FAIL"] == 1 and found.counts["INCONC"] > 50
-    assert found.problems == ["cut short after 1 failed case"]
+    assert found.notes == ["cut short after 1 failed case, as --stop-after says"]
+    assert not found.problems
+
+
+def test_an_error_in_a_scenario_says_what_happened(conform: Suite) -> None:
+    found = conform(broken("crashes_on_a_prescription"), "AMCM/SYS/ACT/BV-01")
+    (cause,) = found.causes
+    text = "2002: the adapter exited after 0 of 1 answers, with exit code 1"
+    assert (cause.verdict, report.about(cause.shown)) == ("ERROR", [text])
+    assert cause.shown.difference == "ERROR in a scenario"
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from report_stage import case, failure, run
 from report_stage import hostile as hostile
 from rich.console import Console
 
-from automcm_conformance.exchange.results import Report
+from automcm_conformance.exchange.results import CUT_SHORT, Report
 from automcm_conformance.report import terminal_report
 
 
@@ -72,6 +73,28 @@ def test_a_failure_in_a_pipe() -> None:
     kit, station = (next(line for line in lines if word in line) for word in ("said", "answered"))
     assert kit.index("said") < station.index("answered")
     assert "allowed text" in out and "came text" in out
+
+
+def test_the_end_of_a_long_exchange_is_printed() -> None:
+    bad = case(verdict="FAIL", failures=[failure()])
+    (shown,) = bad.failures
+    shown.exchange = [replace(shown.exchange[0], text=f"line {n};") for n in range(60)]
+    out = printed(lambda console: terminal_report.summary(run(bad), console))
+    assert "line 59;" in out and "line 43;" not in out and "44 lines more" in out
+    out = printed(lambda console: terminal_report.failure(bad, shown, console))
+    assert "line 0;" in out
+
+
+def test_why_cases_were_not_reached() -> None:
+    cases = [case("AMCM/PRE/ACT/BI-01", "FAIL", failures=[failure()])]
+    report = run(*cases, case("AMCM/PRE/ACT/BI-02", "INCONC"))
+    for notes, why in (
+        ([], "because of the wrong answers"),
+        ([f"{CUT_SHORT} after 1 failed case"], "because the run ended"),
+    ):
+        report.notes = notes
+        out = printed(lambda console: terminal_report.summary(report, console))
+        assert f"1 case was not reached ({why})" in out
 
 
 @pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 100}])

@@ -63,6 +63,11 @@ class Adapter:
         self._used = self._process is not None and b'"cmd":"reset"' in lines[0] and not continued
         self._failed = self._try(lambda: self._begin(lines))
 
+    @property
+    def runs(self) -> bool:
+        """Whether the process that answered last is still running."""
+        return self._process is not None
+
     def pump(self) -> None:
         """Write and read without waiting, so that the station works while the kit does."""
         if self._process is not None and self._sent:

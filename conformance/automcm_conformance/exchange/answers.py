@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from operator import eq
@@ -51,7 +52,8 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
         problems.append(Problem("phase", text, "phase"))
     if expected.deadline not in (UNKNOWN, answer.deadline):
         timer = f" ({expected.timer})" if expected.timer else ""
-        text = f"deadline: expected {expected.deadline}{timer}, got {answer.deadline}"
+        due, found = (to_json(ms).decode() for ms in (expected.deadline, answer.deadline))
+        text = f"deadline: expected {due}{timer}, got {found}"
         problems.append(Problem("deadline", text, f"deadline of {expected.timer or 'no timer'}"))
     for cam in answer.cams if expected.marks else ():
         problems += _marks(expected, cam)
@@ -130,9 +132,17 @@ def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
             problems += _settle(message, match, expected)
     for message, other in zip(missing, left, strict=False):
         problems.append(_first_difference(message, other))
+    unsent = Counter[str]()
     for message in missing[len(left) :]:
-        text = f"not sent: {message['type']} {to_json(message).decode()}"
-        problems.append(Problem("messages", text, f"{message['type']} missing"))
+        type_ = message["type"]
+        unsent[type_] += 1
+        if unsent[type_] == 1:
+            text = f"not sent: {type_} {to_json(message).decode()}"
+            problems.append(Problem("messages", text, f"{type_} missing"))
+    for type_, n in unsent.items():
+        if n > 1:
+            text = f"not sent: {n - 1} more of type {type_}"
+            problems.append(Problem("messages", text, f"{type_} missing"))
     for message in left[len(missing) :]:
         about = message.get("type") if type(message) is dict else "no message"
         kind = f"{about} too many"
@@ -230,7 +240,8 @@ def _in_object(path: str, wanted: dict[str, Json], found: dict[str, Json]) -> Pr
 def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[Problem]:
     names = [i["name"] for i in wanted], [i["name"] for i in found]
     if names[0] != names[1]:
-        text = f"indications: expected {names[0]}, got {names[1]}"
+        said, heard = (", ".join(each) or "none" for each in names)
+        text = f"indications: expected {said}, got {heard}"
         return [Problem("indications", text, text)]
     for one, other in zip(wanted, found, strict=True):
         for name, value in one.items():

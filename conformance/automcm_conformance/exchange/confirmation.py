@@ -24,14 +24,17 @@ UNSHOWN = ("hang", "start")
 def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
     """The failure in a fresh process, up to the very line that shows it, and an empty text.
 
-    If a fresh process does not fail: the given error, and one of UNCONFIRMED. ``repeated``: the
-    used process has failed more than once. Crashes on the way do not count.
+    If a fresh process does not fail: the given error, and one of UNCONFIRMED. State is kept only if
+    the used process fails again at these lines; if it has been ended, if it has failed before
+    (``repeated``). Crashes on the way do not count.
     """
     if not _shows(error):
         return error, ""
     counts = adapter.broken, adapter.hung
     steps = error.sent if isinstance(error, Broken) else error.steps
     try:
+        if isinstance(error, Mismatch) and adapter.runs:
+            repeated = _again(adapter, error, steps) is not None
         adapter.renew()
         if found := _again(adapter, error, steps):
             alike = isinstance(error, Mismatch) and len(found.steps) == len(error.steps)

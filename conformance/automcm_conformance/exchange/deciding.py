@@ -25,6 +25,7 @@ from automcm_traces.checker.track import NO_INDICATION
 
 MEANING = {
     "AwaitsAnswer(st)": "the prescriber awaits an answer",
+    "AckMatches(e, m)": "the Ack names the outbox entry",
     "Bound(st)": "the station is in a session",
     "BreaksProtocol(me, m)": "the message breaks the protocol",
     "In(st, m.session)": "the message is of the own session",
@@ -33,10 +34,21 @@ MEANING = {
     "OfPeer(st, m.src)": "the sender is the peer",
     "OlderOrSame(m.proposal, st.proposal)": "the proposal is not newer than the last one seen",
     "Quarantined(st)": "the station is in quarantine",
+    "Room(st)": "the outbox has room",
+    "RoomToRecord(st)": "there is room to record a participant",
+    "RoomToRemember(st, m.src)": "there is room to remember the prescriber",
+    "RoundLeft(st)": "another round is allowed",
     "SameProposal(m.proposal, st.proposal)": "the answer is for the current proposal",
+    "WithinRounds(m.proposal)": "the proposal is at most max_rounds",
+    "acked = {}": "the Ack names no outbox entry",
+    "c.proposal # st.proposal": "the command names another proposal",
+    "c.session # st.session": "the command names another session",
+    "concerned": "the application is concerned",
     "i.newer": "the CAM is newer than the last one that counted",
+    "m.dst \\notin {me, Broadcast}": "the message is to another station",
     "m.seq # 0": "the message is a reliable one",
     "st.heard": "a CAM of the peer has counted",
+    "st.recorded = {}": "no participant is recorded",
 }
 """Guards in words, by their text in the specification; the others are shown as they are."""
 

@@ -17,6 +17,8 @@ KEPT = "state kept over reset"
 NONDETERMINISTIC = "nondeterministic"
 UNCONFIRMED = (KEPT, NONDETERMINISTIC)
 """The differences of failures that a fresh process does not show: other verdicts are doubtful."""
+CUT_SHORT = "cut short"
+"""The beginning of a problem or note about a run that did not drive all."""
 BROKE = "the kit broke"
 """The beginning of a problem that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]

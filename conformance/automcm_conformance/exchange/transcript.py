@@ -79,7 +79,7 @@ def answered(line: bytes) -> str:
     except ProtocolError:
         return line[:400].decode(errors="replace")
     parts = [message(m) for m in a.messages]
-    parts += [f"tells {_indication(i)}" for i in a.indications]
+    parts += [f"indicates {_indication(i)}" for i in a.indications]
     parts += [message(m) for m in a.cams]
     parts += [a.phase] if a.phase is not None else []
     parts.append(f"next deadline {_text(a.deadline)}")
@@ -96,7 +96,7 @@ def allowed(expected: Expected) -> list[str]:
     parts = [message(m) for m in expected.messages] or ["nothing is sent"]
     if expected.messages and len(expected.messages) > 1:
         parts = [f"{' and '.join(parts)} (in any order)"]
-    parts += [f"tells {_indication(i)}" for i in expected.indications]
+    parts += [f"indicates {_indication(i)}" for i in expected.indications]
     parts.append(expected.phase)
     if expected.deadline != UNKNOWN:
         parts.append(f"next deadline {_text(expected.deadline)}")

@@ -352,14 +352,15 @@ def as_text(case: CaseResult) -> str:
 
 def about(failure: Failure) -> list[str]:
     """What is wrong, in lines: the rule, the difference, the place and guard that decided."""
-    lines = [f"{failure.rule}: {failure.rule_text}", failure.what]
+    lines = [f"{failure.rule}: {failure.rule_text}"] if failure.rule else []
+    lines.append(failure.what)
     if failure.operator:
         guard = f": {failure.guard}" if failure.guard else ""
         lines.append(f"Station.tla, line {failure.line}: {failure.operator}{guard}")
     elif failure.guard:
         lines.append(failure.guard)
     lines += [f"The station answers as if {failure.as_if}"] if failure.as_if else []
-    return lines + ([f"Expected timer: {failure.timer}"] if failure.timer else [])
+    return lines + ([f"Timer of the expected deadline: {failure.timer}"] if failure.timer else [])
 
 
 def seen_in(cause: Cause) -> str:

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from automcm_conformance.exchange.results import (
+    CUT_SHORT,
     VERDICTS,
     CaseResult,
     Failure,
@@ -39,6 +40,8 @@ ORDER: tuple[Verdict, ...] = ("FAIL", "PASS", "ERROR", "INCONC", "SKIP")
 """The order in which it names unexpected cases."""
 IN_FULL = 3
 """This many causes are printed with their exchange."""
+LINES = 16
+"""The summary prints at most this many lines of an exchange, the last ones."""
 WIDTH = 100
 """The width of output that is not a terminal."""
 LIMIT = 400
@@ -80,7 +83,7 @@ def _causes(report: Report, console: Console) -> None:
     cases = {case.id: case for case in report.unexpected}
     for n, cause in enumerate(found[:IN_FULL], 1):
         console.print(Text(f"Cause {n} of {len(found)}", "bold"))
-        failure(cases[cause.case], cause.shown, console)
+        failure(cases[cause.case], cause.shown, console, LINES)
         console.print(_text(seen_in(cause)))
         console.print()
     for n, cause in enumerate(found[IN_FULL:CASES], IN_FULL + 1):
@@ -90,14 +93,18 @@ def _causes(report: Report, console: Console) -> None:
         console.print(Text(f"and {len(found) - CASES} more causes"))
     unclear = sum(case.verdict == "INCONC" for case in report.unexpected)
     if unclear:
-        which = "because of the wrong answers" if found else "because the run ended"
-        console.print(Text(f"{unclear} cases were not reached ({which})"))
+        remarks = [*report.problems, *report.notes]
+        ended = not found or any(remark.startswith(CUT_SHORT) for remark in remarks)
+        which = "because the run ended" if ended else "because of the wrong answers"
+        cases_were = "case was" if unclear == 1 else "cases were"
+        console.print(Text(f"{unclear} {cases_were} not reached ({which})"))
     if found or unclear:
         console.print()
 
 
-def failure(case: CaseResult, failure: Failure, console: Console) -> None:
-    """Print one failure: the rule, the guard, the exchange, and the answers.
+def failure(case: CaseResult, failure: Failure, console: Console, most: int | None = None) -> None:
+    """Print one failure: the rule, the guard, the exchange (at most its last ``most`` lines), and
+    the answers.
 
     A console that is not a terminal is set to a width of 100.
     """
@@ -110,7 +117,11 @@ def failure(case: CaseResult, failure: Failure, console: Console) -> None:
     table.add_column("ms", justify="right", no_wrap=True)
     table.add_column("kit", ratio=1)
     table.add_column("station", ratio=1)
-    for line in failure.exchange:
+    omitted = max(0, len(failure.exchange) - most) if most else 0
+    if omitted:
+        rest = f"… {omitted} lines more; report.html and the replay have them …"
+        table.add_row(Text(), Text(rest, "dim"), Text())
+    for line in failure.exchange[omitted:]:
         said = _text(line.text)
         cells = (said, Text()) if line.who == "kit" else (Text(), said)
         table.add_row(Text(str(line.now), "dim"), *cells)

@@ -20,7 +20,7 @@ from automcm_conformance.exchange.exchange import (
     Unpredicted,
 )
 from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shortened
-from automcm_conformance.exchange.results import NONDETERMINISTIC
+from automcm_conformance.exchange.results import CUT_SHORT, NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
@@ -126,11 +126,16 @@ class Runner:
     def cut_short(self) -> str:
         """Why nothing more is driven; empty if the run goes on."""
         if self.adapter.broken >= PATIENCE:
-            return f"cut short after {self.adapter.broken} crashes or hangs"
-        if self.enough and len(self.failed) >= self.enough:
+            return f"{CUT_SHORT} after {self.adapter.broken} crashes or hangs"
+        if self.has_enough:
             n = len(self.failed)
-            return f"cut short after {n} failed case{'' if n == 1 else 's'}"
+            return f"{CUT_SHORT} after {n} failed case{'' if n == 1 else 's'}, as --stop-after says"
         return self.ended
+
+    @property
+    def has_enough(self) -> bool:
+        """Whether so many cases have failed that the run ends."""
+        return bool(self.enough) and len(self.failed) >= self.enough
 
     @property
     def failed(self) -> list[str]:

@@ -25,7 +25,7 @@ from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Fault, Tally
 from automcm_spec.support import files
 from automcm_spec.vocabulary.rules import RULES, handler, line
-from automcm_traces.checker.finding import Finding
+from automcm_traces.checker.finding import NOTHING_WRONG, Finding
 
 Expectations = Mapping[str, tuple[Verdict, str]]
 """The expected verdict of a case with a known deviation, and the reason."""
@@ -100,8 +100,9 @@ def report(
     seen = {rule for case in cases if case.verdict in ("PASS", "FAIL") for rule in case.rules}
     coverage["rules"] = [len(seen), len(rules)]
     problems = list(runner.adapter.problems)
+    notes = [runner.adapter.slowness]
     if runner.cut_short:
-        problems.append(runner.cut_short)
+        (notes if runner.has_enough else problems).append(runner.cut_short)
     return Report(
         implementation(runner),
         cases,
@@ -111,7 +112,7 @@ def report(
         runner.seed,
         list(selectors),
         problems,
-        notes=list(filter(None, [runner.adapter.slowness])),
+        notes=list(filter(None, notes)),
         case_seconds={name: round(s, 3) for name, s in runner.case_seconds.items() if s},
         broke=runner.broke,
     )
@@ -148,7 +149,9 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
     expected = transcript.answerable(o.finding)
     made = _failure(o.finding, told, expected, o.came, o.lines, "", again)
     made.guard, made.as_if = o.finding.why.guard, o.finding.why.nearest
-    made.difference = f"{o.finding.kind} in a scenario"
+    made.what = made.what or o.reason
+    broke = o.finding == NOTHING_WRONG
+    made.difference = f"{o.verdict if broke else o.finding.kind} in a scenario"
     return [made]
 
 
