@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from time import monotonic
 
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
@@ -20,7 +21,7 @@ from automcm_conformance.exchange.exchange import (
     Unpredicted,
 )
 from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shortened
-from automcm_conformance.exchange.results import CUT_SHORT, NONDETERMINISTIC
+from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
@@ -336,6 +337,7 @@ class Runner:
         while the station answers the second."""
         answered, run.sent, run.unsent = run.sent, run.unsent, []
         broken: AdapterError | None = None
+        ended: tuple[TourInProgress, int] | None = None
         try:
             answers = self.adapter.answers()
         except AdapterError as error:
@@ -351,6 +353,7 @@ class Runner:
             try:
                 if len(mine) < asked and broken is not None and broken.kind in CRASHES:
                     active = self._singly(run, active)
+                    ended = ended or (active, len(mine))
                 else:
                     active.x.answered(mine, broken if len(mine) < asked else None)
             except (Mismatch, Broken, Unpredicted) as wrong:
@@ -358,9 +361,24 @@ class Runner:
                 break  # what follows was not played, or may be out of step; it is played again
             self._finish(run, active)
         else:
-            if broken is not None:
+            if broken is not None and ended is not None:
+                self._ended_unrepeated(run, *ended, broken)
+            elif broken is not None:
                 text = f"{broken}; the same lines, sent one by one, do not end it"
                 self.adapter.problems.append(text)
+
+    def _ended_unrepeated(
+        self, run: PartRun, active: TourInProgress, answered: int, broken: AdapterError
+    ) -> None:
+        """Blame the end of a used process at a tour that does not end a fresh one."""
+        done = active.x.done
+        pairs = [pair for step in done[: answered + 1] for pair in step.pairs]
+        pairs = pairs or [pair for step in done for pair in step.pairs][:1]
+        if not pairs:
+            self.adapter.problems.append(f"{broken}; a fresh process does not end")
+            return
+        steps = [*done[:answered], replace(done[min(answered, len(done) - 1)], answer=b"")]
+        self._blame(run, pairs[-1], Broken(steps, broken), unconfirmed=KEPT)
 
     def _singly(self, run: PartRun, active: TourInProgress) -> TourInProgress:
         """Play a tour again line by line in a fresh process: an adapter that reads many lines
