@@ -51,6 +51,18 @@ def answer(c):
         c = {'cmd': 'advance', 'now': c['now']}
     return right(c)
 """
+REMEMBERS_20 = """
+def answer(c):
+    out = right(c)
+    if station._station and len(state().joined) > 20:
+        oldest, *others = state().joined
+        joined = {p: state().joined[p] for p in others}
+        station._station.state = state()._replace(joined=joined)
+        for timer in [t for t in station._station.timers if t.station == oldest]:
+            del station._station.timers[timer]
+        out["deadline"] = station._station.next_deadline()
+    return out
+"""
 OWN_NUMBERS = """
 def answer(c):
     out = right(c)
@@ -91,6 +103,7 @@ rules.RULES[name] = tuple(r._replace(when=low) if r.rule == "ADV-8" else r for r
 """,
         "",
     ),
+    "20 prescribers remembered": (RECEIVER_NUMBERS, "", REMEMBERS_20),
     "selected of 100 points": (
         "AMCM/RCV/NEG/BV-07",
         "",

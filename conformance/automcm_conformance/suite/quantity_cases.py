@@ -141,6 +141,17 @@ def _sessions(fresh: Fresh, prescriber: bool) -> Played:
     for n in range(1, SESSIONS + 1):
         _given(x, _session(n, prescriber))
     yield x
+    if not prescriber:
+        yield _given(fresh(USUAL), _of_many_prescribers())
+
+
+def _of_many_prescribers() -> list[Input]:
+    """A session of each prescriber, then the Advertisement of each again: a late copy (ADV-8)."""
+    sessions = [(p, 1) for p in range(2, PARTICIPANTS + 2)]
+    copies = [received("Advertisement", s, source=s[0]) for s in sessions]
+    ends = [received("Fin", s, source=s[0]) for s in sessions]
+    script = [value for both in zip(copies, ends, strict=True) for value in both]
+    return [*script, *copies]
 
 
 def _given(x: Exchange, values: Sequence[Input]) -> Exchange:
