@@ -9,6 +9,7 @@ from suite_stage import ACCEPTS, BUSY, FOREIGN, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
+from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.exchange.answers import differences
 from automcm_conformance.exchange.confirmation import in_fresh_process
 from automcm_conformance.exchange.exchange import Mismatch, Step
@@ -87,6 +88,18 @@ def test_state_is_kept_only_if_the_used_process_fails_again(
     adapter: Any = Scripted(wrong, runs)
     error = Mismatch([step], differences(step.expected, step.answer))
     assert in_fresh_process(adapter, error, repeated=True)[1] == why
+
+
+def test_a_surplus_line_is_shown_instead_of_what_follows_from_it() -> None:
+    class Writes(Scripted):
+        def exchange(self, lines: list[bytes], *, continued: bool = False) -> list[bytes]:
+            raise AdapterError("output", "too many")
+
+    step = Step(1, {"cmd": "reset"}, Expected())
+    step.answer = b'{"messages":[],"indications":[],"deadline":7}'
+    error = Mismatch([step], differences(step.expected, step.answer))
+    adapter: Any = Writes([], runs=False)
+    assert str(in_fresh_process(adapter, error, repeated=True)[0]) == "too many"
 
 
 BATCHES = """

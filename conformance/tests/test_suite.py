@@ -303,6 +303,16 @@ def test_a_run_stops_after_so_many_failed_cases(conform: Suite) -> None:
     assert not found.problems
 
 
+def test_a_wrong_answer_of_a_case_that_was_not_chosen_is_noted(conform: Suite) -> None:
+    code = """
+def answer(c):
+    out = right(c)
+    return out | {"messages": []} if received(c, "Fin") else out
+"""
+    found = conform(station(code), "AMCM/RCV/REL/TI-01", "AMCM/RCV/ACT/BV-01", states=60)
+    assert any(note.startswith("a case that was not chosen fails: END-3: ") for note in found.notes)
+
+
 def test_an_error_in_a_scenario_says_what_happened(conform: Suite) -> None:
     found = conform(broken("crashes_on_a_prescription"), "AMCM/SYS/ACT/BV-01")
     (cause,) = found.causes

@@ -20,6 +20,8 @@ _FIELDS = Answer.model_fields.keys()
 _NEEDED = {name for name, field in Answer.model_fields.items() if field.is_required()}
 MARKS = "CAM.marks"
 """The kind of a problem with the marks of a CAM."""
+BACK_OFF = "back-off"
+"""The kind of a problem with the length of a back-off, which the station draws (END-7)."""
 _TRUTHS = ("Acceptance", "Advertisement")
 """Messages that may hold a truth value."""
 

@@ -37,7 +37,7 @@ def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> tuple
             repeated = _again(adapter, error, steps) is not None
         adapter.renew()
         if found := _again(adapter, error, steps):
-            alike = isinstance(error, Mismatch) and len(found.steps) == len(error.steps)
+            alike = type(found) is type(error) is Mismatch and len(found.steps) == len(error.steps)
             return error if alike else found, ""
         if _again(adapter, error, steps):
             return error, KEPT

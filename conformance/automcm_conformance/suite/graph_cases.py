@@ -9,7 +9,7 @@ from time import monotonic
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import DEFAULTS, ProtocolError, Refused
-from automcm_conformance.exchange.answers import MARKS
+from automcm_conformance.exchange.answers import BACK_OFF, MARKS
 from automcm_conformance.exchange.confirmation import in_fresh_process
 from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_pair
 from automcm_conformance.exchange.exchange import (
@@ -574,6 +574,8 @@ class Runner:
             decided = deciding(part.oracle, error, pair)
         if isinstance(error, Mismatch) and error.problems[0].kind == MARKS:
             decided = Deciding("ACT-5")
+        elif isinstance(error, Mismatch) and error.problems[0].kind == BACK_OFF:
+            decided = Deciding("END-7")
         elif isinstance(error, Mismatch) and error.problems[0].kind.startswith("Ack.of"):
             decided = Deciding("END-6", "Ack", operators(TLA)["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:

@@ -13,7 +13,7 @@ from functools import cache
 from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
-from automcm_conformance.exchange.answers import Problem
+from automcm_conformance.exchange.answers import BACK_OFF, Problem
 from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
 from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
@@ -207,7 +207,7 @@ def back_off(fresh: Fresh) -> Played:
         elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
             text = f"a back-off of {lasts} ms for every seed"
         if text:
-            raise Mismatch(x.done, [Problem("deadline", text, "back-off")])
+            raise Mismatch(x.done, [Problem("deadline", text, BACK_OFF)])
         x.clock.learn(("backoff",), x.now + lasts)
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])

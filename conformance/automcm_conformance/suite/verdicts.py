@@ -101,6 +101,9 @@ def report(
     coverage["rules"] = [len(seen), len(rules)]
     problems = list(runner.adapter.problems)
     notes = [runner.adapter.slowness]
+    if runner.elsewhere is not None:
+        what = transcript.finding(runner.elsewhere)
+        notes.append(f"a case that was not chosen fails: {runner.elsewhere.rule}: {what}")
     if runner.cut_short:
         (notes if runner.has_enough else problems).append(runner.cut_short)
     return Report(
