@@ -37,7 +37,7 @@ test-deep: ready
 	@$(BIN)/pytest -q -n 2 -m deep
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
-# The suite on the stations in C++ and Go and on mutants, and a log's page in Chromium. Missing
+# The suite on the stations in C++ and Go, on mutants and on the templates, and a log's page in Chromium. Missing
 # tools are skipped with a warning.
 test-foreign: ready .venv/foreign
 	@$(BIN)/python traces/tests/browser.py
@@ -47,6 +47,7 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_traffic.py
 	@$(BIN)/python reference/tests/foreign_traffic_experiment.py
 	@$(BIN)/python reference/tests/foreign_radio.py
+	@$(BIN)/pytest -q -n 0 conformance/tests/test_new_adapter.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 # Fails each system call of a station in each phase (docs/faults.md; six minutes), then runs 20
