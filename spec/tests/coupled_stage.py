@@ -137,8 +137,68 @@ COUPLED = {
         "ELSE Effect(st, {Copy(me, x) : x \\in {y \\in st.outbox : y.to = e.to}},\n"
         '              Nothing, "REL-1")',
     ),
+    "a CAM of anyone with the mark counts (ACT-5)": Edit(
+        'st.phase = "ACTUATING" /\\ OfPeer(st, i.src)\n', 'st.phase = "ACTUATING"\n'
+    ),
+    "a Cancel of any participant ends the session (END-2)": Edit(
+        'ELSE IF st.phase # "CHOOSING" /\\ OfPeer(st, m.src)', 'ELSE IF st.phase # "CHOOSING"'
+    ),
+    "a Fin of anyone ends the session of a receiver (ACT-3)": Edit(
+        'st.role = "receiver" /\\ OfPeer(st, m.src)\n', 'st.role = "receiver"\n'
+    ),
+    "a Cancel of an old session takes the memory back to it (ADV-8)": Edit(
+        "IF ~In(st, m.session)\n    THEN Effect(st, IF m.seq",
+        "IF ~Bound(st) /\\ ~NewerThanJoined(st, m.session)\n"
+        "    THEN Effect([st EXCEPT !.joined = {j \\in @ : j[1] # m.session[1]}\n"
+        '                                      \\cup {m.session}], acks, Nothing, "END-3")\n'
+        "  ELSE IF ~In(st, m.session)\n    THEN Effect(st, IF m.seq",
+    ),
+    "after leaving, an Ack of any participant counts (END-6)": Edit(
+        "acked == {e \\in st.outbox : AckMatches(e, m)}",
+        "acked == {e \\in st.outbox : \\/ AckMatches(e, m)\n"
+        "                               \\/ /\\ ~Bound(st) /\\ e.session = m.session\n"
+        "                                  /\\ m.of = <<e.type, e.seq>>}",
+    ),
+    "a Cancel of another session starts a back-off (END-7)": Edit(
+        "THEN Effect(st, IF m.seq # 0 THEN AckCopy(me, m)",
+        "THEN Effect([st EXCEPT !.backoff = TRUE], IF m.seq # 0 THEN AckCopy(me, m)",
+    ),
+    "a Cancel of another session is told as a fallback (END-3)": Edit(
+        'ELSE {}, Nothing, "END-3")\n  ELSE IF st.phase = "ADVERTISING"',
+        'ELSE {}, <<"fallback", m.reason>>, "END-3")\n  ELSE IF st.phase = "ADVERTISING"',
+    ),
+    "a bound station's CAM does not name the session that it finished (ACT-2)": Edit(
+        "\\cup {e.session : e \\in {x \\in st.outbox :",
+        "\\cup {e.session : e \\in {x \\in st.outbox : ~Bound(st) /\\",
+    ),
+    "a Fin of anyone bars the session (ADV-8)": Edit(
+        'ELSE Effect(st, AckCopy(me, m), Nothing, "END-3")\n\n(*',
+        "ELSE Effect(IF m.session[1] = me \\/ ~NewerThanJoined(st, m.session) THEN st\n"
+        "              ELSE [st EXCEPT !.joined = {j \\in @ : j[1] # m.session[1]}\n"
+        "                                         \\cup {m.session}],\n"
+        '              AckCopy(me, m), Nothing, "END-3")\n\n(*',
+    ),
+    "a full record drops the others for a new one (MEM-1)": Edit(
+        'ELSE IF ~RoomToRecord(st) THEN Ignore(st, "MEM-1")',
+        "ELSE IF ~RoomToRecord(st)\n"
+        '      THEN Answer([st EXCEPT !.recorded = {p}], Ack(me, m), "MEM-1")',
+    ),
+    "an Ack that ends nothing arms the cam timer again (ACT-5)": Edit(
+        'IF acked = {} THEN Ignore(st, "END-6")',
+        'IF acked = {} THEN [Ignore(st, "END-6") EXCEPT !.again = {Timer("cam")}]',
+    ),
+    "a bound station sends nothing of another session again (REL-1)": Edit(
+        'ELSE Effect(st, {Copy(me, e)}, Nothing, "REL-1")',
+        'ELSE IF Bound(st) /\\ e.session # st.session THEN Ignore(st, "REL-1")\n'
+        '  ELSE Effect(st, {Copy(me, e)}, Nothing, "REL-1")',
+    ),
+    "a Cancel is not kept while another session is sent (REL-1)": Edit(
+        "Effect(Post(BreakOff(st), ms), ms, told, rule)",
+        "Effect(IF \\E e \\in st.outbox : e.session # st.session THEN BreakOff(st)\n"
+        "         ELSE Post(BreakOff(st), ms), ms, told, rule)",
+    ),
 }
-"""Twenty-nine edits by what they do, with the rule that they break."""
+"""Forty-two edits by what they do, with the rule that they break."""
 
 DEPENDENT = {
     "the peer's id is at most the sender's": Edit(

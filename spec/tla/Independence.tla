@@ -3,14 +3,15 @@
 (* What the sessions of one station have to do with each other, for every  *)
 (* input of OpenStation in every state.                                    *)
 (*                                                                         *)
-(*  N-1  An input of one session changes no other session, and bars or     *)
-(*       unbars only sessions of the same prescriber.  An input of no      *)
-(*       session changes quarantine or back-off only if its timer expires. *)
+(*  N-1  An input of one session changes no other session.  A session is  *)
+(*       barred only by a newer one of its prescriber, which the station   *)
+(*       joins; unbarred only by forget(p).  Quarantine and back-off       *)
+(*       change only by an input of the session that the station is in,    *)
+(*       or when their own timer expires.                                  *)
 (*  N-2  What an input does to its session depends on that session alone,  *)
 (*       but for the interface: whether a session may start (Free), and    *)
 (*       whether a station that is not in a session calls itself busy.     *)
-(*  N-3  In an own session, an input from one participant leaves the       *)
-(*       others alone.                                                     *)
+(*  N-3  In a session, an input from one station leaves the others alone.  *)
 (*                                                                         *)
 (* So a station in many sessions is, for each of them, a station in that   *)
 (* session only, to which Advertisements are lost and requests refused     *)
@@ -58,29 +59,35 @@ Of(a, i) ==
                                                     ELSE i.session}
     [] i.kind = "restart" -> Sessions
 
-\* Whose sessions it may bar or unbar (ADV-1, ADV-3, ADV-8).
-Prescribers(a, i) ==
-  IF i.kind = "expire" /\ i.timer[1] = "forget" THEN {i.timer[2]}
-  ELSE {x[1] : x \in Of(a, i)}
-
 \* (Those that it stops follow from the parts before and after.)
 ArmedOf(r, x) == {t \in r.arm : x \in OfTimer(r.st, t)}
 
 (***************************************************************************)
 (* N-1                                                                     *)
 (***************************************************************************)
+\* ADV-3, ADV-8: it joins a newer session of the same prescriber, or forgets.
+BarredRightly(a, r, i, x) ==
+  IF Barred(r.st, x)
+  THEN Barred(a, x) \/ (/\ r.st.session \in Of(a, i) /\ a.session # r.st.session
+                       /\ r.st.session[1] = x[1] /\ r.st.session[2] > x[2])
+  ELSE ~Barred(a, x) \/ (i.kind = "expire" /\ i.timer = Forget(x[1]))
+
+\* What the application may be told of an input of another session.
+OfNone == {Nothing, <<"discarded">>, <<"refused">>}
+
 Untouched(a, r, i, x) ==
   /\ Part(r.st, x) = Part(a, x)
-  /\ Barred(r.st, x) = Barred(a, x) \/ x[1] \in Prescribers(a, i)
+  /\ BarredRightly(a, r, i, x)
   /\ \A m \in r.out : m.session # x
+  /\ a.session = x => r.told \in OfNone
   /\ ArmedOf(r, x) = {}
+  /\ (x \in Marks(r.st)) = (x \in Marks(a))
 
 \* END-8, ACT-6, END-7: what concerns every session.
 Flags(a) == <<a.quarantine, a.backoff>>
 
-\* An input of no session is another timer, or a CAM without marks.
 KeepsFlags(a, r, i) ==
-  \/ Of(a, i) # {}
+  \/ i.kind = "restart" \/ a.session \in Of(a, i)
   \/ i.kind = "expire" /\ i.timer = Timer("quarantine") /\ r.st.backoff = a.backoff
   \/ i.kind = "expire" /\ i.timer = Timer("backoff") /\ r.st.quarantine = a.quarantine
   \/ Flags(r.st) = Flags(a)
@@ -112,6 +119,7 @@ Same(a, r, q, x) ==
   /\ Part(r.st, x) = Part(q.st, x)
   /\ Flags(r.st) = <<a.quarantine \/ q.st.quarantine, a.backoff \/ q.st.backoff>>
   /\ Barred(r.st, x) = Barred(q.st, x)
+  /\ (x \in Marks(r.st)) = (x \in Marks(q.st))
   /\ r.out = q.out /\ r.told = q.told
   /\ ArmedOf(r, x) = ArmedOf(q, x)
 
@@ -135,23 +143,44 @@ Own(a, r, i, x) ==
 (***************************************************************************)
 (* N-3                                                                     *)
 (***************************************************************************)
-\* The participant that an input comes from, or is about.
+\* The station that what a timer is for is sent to.
+To(t) ==
+  CASE t[1] = "resend" -> t[2].to
+    [] t[1] = "giveup" -> t[2].to
+    [] OTHER           -> Nobody
+
+\* The station that an input comes from, or is about.
 From(i) ==
   CASE i.kind = "receive" -> i.message.src
     [] i.kind = "cam"     -> i.src
-    [] i.kind = "expire" /\ i.timer[1] = "resend" -> i.timer[2].to
-    [] i.kind = "expire" /\ i.timer[1] = "giveup" -> i.timer[2].to
+    [] i.kind = "expire"  -> To(i.timer)
     [] OTHER              -> Nobody
 
-\* What an own session has to do with participant p.
-Participation(a, p) ==
-  << p \in a.recorded, p \in a.withdrawn, p = a.target,
-     {e \in a.outbox : e.to = p /\ e.session = a.session} >>
+\* In session x, station p is recorded or the peer.
+Concerns(a, x, p) == a.session = x /\ p \in a.recorded \cup {Peer(a)}
 
-OthersAlone(a, r, i) ==
+\* What session x has to do with station p: where it takes part, all but the
+\* other participants.
+Participation(a, x, p) ==
+  << IF Concerns(a, x, p)
+     THEN [a EXCEPT !.recorded = @ \cap {p}, !.withdrawn = {}, !.outbox = {},
+                    !.number = 0, !.joined = {}]
+     ELSE Initial,
+     Barred(a, x) /\ x[1] = p,
+     a.session = x /\ p \in a.withdrawn,
+     {e \in a.outbox : e.to = p /\ e.session = x} >>
+
+\* Timers of the session, but those of what is sent to others.
+ArmedTo(a, r, x, p) ==
+  {t \in ArmedOf(r, x) : IF t[1] \in OfSession THEN Concerns(a, x, p)
+                                               ELSE To(t) = p}
+
+OthersAlone(a, r, i, x) ==
   \A p \in Peers \ {From(i)} :
     /\ \A m \in r.out : m.dst # p
-    /\ Participation(r.st, p) = Participation(a, p)
+    /\ Participation(r.st, x, p) = Participation(a, x, p)
+    /\ ArmedTo(a, r, x, p) = {}
+    /\ Concerns(a, x, p) => r.told \in OfNone
 
 (***************************************************************************)
 (* Each lemma, for an input i in state a with the outcome r.               *)
@@ -164,9 +193,7 @@ N1(a, r, i) ==
 N2(a, r, i) == i.kind # "restart" => \A x \in Of(a, i) : Own(a, r, i, x)
 
 N3(a, r, i) ==
-  /\ a.role = "prescriber" /\ r.st.session = a.session
-  /\ From(i) \in Peers /\ a.session \in Of(a, i)
-  => OthersAlone(a, r, i)
+  From(i) \in Peers => \A x \in Of(a, i) : OthersAlone(a, r, i, x)
 
 \* For every input in every state.
 Done == [st |-> st', out |-> last'.out, told |-> last'.told, arm |-> last'.arm]

@@ -39,13 +39,18 @@ PLAN = replace(
 SHARES = {"receive": 68, "command": 20, "expire": 8, "cam": 4}
 """How often an input of a kind is drawn, in percent; a restart once in ``RESTART`` inputs."""
 RESTART = 500
-JUMP = 50
+TRIES = 20
+"""Every second time, so many inputs of a kind are tried for one that changes the state. Few targets
+and proposals of all fit."""
+JUMP = 10
 """Once in so many inputs, the walk goes on from an earlier state. All combinations of phase, role,
-flags and number of sessions are equally likely, so that the walk gets to rare states."""
+flags, number of sessions and types in the outbox are equally likely, so that the walk gets to rare
+states."""
 KEPT = 100
 """The number of earlier states kept of each combination."""
 CURRENT = 0.7
-"""The share of messages and commands for a session that the station has to do with."""
+"""The share of messages and commands for a session that the station has to do with. Of these, all
+types and names are equally likely."""
 
 
 def load(
@@ -144,12 +149,12 @@ def _walk(station: Station, number: int, seed: int) -> Iterator[tuple[Any, Any, 
     """States, offered inputs and outcomes."""
     rng = random.Random(seed)
     every: dict[str, list[Any]] = {}
-    of_session: dict[tuple[str, Any], list[Any]] = {}
+    of_session: dict[tuple[str, Any], dict[str, list[Any]]] = {}
     for i in sorted(station.alphabet, key=repr):
         every.setdefault(i.kind, []).append(i)
-        about = i.message if i.kind == "receive" else i
         if i.kind in ("receive", "command"):
-            of_session.setdefault((i.kind, about.session), []).append(i)
+            about, name = (i.message, i.message.type) if i.kind == "receive" else (i, i.name)
+            of_session.setdefault((i.kind, about.session), {}).setdefault(name, []).append(i)
     kinds, shares = list(SHARES), list(SHARES.values())
     earlier: dict[Any, list[Any]] = {}
     st = station.initial
@@ -163,16 +168,24 @@ def _walk(station: Station, number: int, seed: int) -> Iterator[tuple[Any, Any, 
             choice = [type(choice[0])("expire", timer) for timer in timers]
         elif rng.random() < CURRENT:
             x = rng.choice([st.session, *sorted(_active(station, st))])
-            choice = of_session.get((kind, x), choice)
+            if named := of_session.get((kind, x)):
+                choice = named[rng.choice(list(named))]
         if not choice or not station.offered(st, i := rng.choice(choice)):
             continue
-        number -= 1
         r = station.step(station.me, st, i)
+        for _ in range(rng.choice((0, TRIES))):
+            if r.st != st:
+                break
+            if station.offered(st, other := rng.choice(choice)):
+                i, r = other, station.step(station.me, st, other)
+        number -= 1
         yield st, i, r
         if r.st != st:
             st = r.st
             flags = st.quarantine, st.backoff
-            alike = earlier.setdefault((st.phase, st.role, flags, len(_active(station, st))), [])
+            sent = frozenset(e.type for e in st.outbox)
+            which = st.phase, st.role, flags, bool(st.joined), len(_active(station, st)), sent
+            alike = earlier.setdefault(which, [])
             alike.append(st)
             if len(alike) > KEPT:
                 alike.pop(rng.randrange(KEPT))
