@@ -133,9 +133,7 @@ class Prover:
             first = _Hypotheses(self._solver())
             for goal, claim in self._claims(self._invariant(self._first())):
                 yield Result(goal, "Init", *first.prove(claim))
-        base = _Hypotheses(self._solver())
-        for name, holds in self._claims(self._invariant(self._state)):
-            base.solver.assert_and_track(lift(holds), name)
+        base = self._base()
         if not step:
             now = self._invariant(self._state)
             for goal, name in OF_STATES.items():
@@ -143,6 +141,22 @@ class Prover:
         for kind in self.transitions():
             if step in kind.name:
                 yield from self._step(base, kind)
+
+    def satisfiable(self) -> tuple[str, dict[str, str]]:
+        """Attempts to prove FALSE: from the invariant, and from a step of each kind.
+
+        A verdict "proved" means that the obligations with these hypotheses say nothing.
+        """
+        base = self._base()
+        base.solver.set("rlimit", EFFORT // 10)
+        verdicts = {k.name: base.prove(False, k.guard)[0] for k in self.transitions()}
+        return base.prove(False)[0], verdicts
+
+    def _base(self) -> _Hypotheses:
+        base = _Hypotheses(self._solver())
+        for name, holds in self._claims(self._invariant(self._state)):
+            base.solver.assert_and_track(lift(holds), name)
+        return base
 
     def _step(self, base: _Hypotheses, kind: Transition) -> Iterator[Result]:
         for goal, claim in self._claims(self._invariant(kind.after)):
