@@ -14,38 +14,16 @@ import tempfile
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from random import Random
 from typing import Any
 
+from automcm_evaluation.sweeps.traffic_sweep import SECONDS, drawn
 from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.sumo_mover import sumo_home
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run
+from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wrong
 from automcm_spec.support.extras import missing
 from automcm_traces.explain.explain import explain_files
-
-SECONDS = 30.0
-
-
-def drawn(name: str, seed: int) -> Run:
-    """A short drive of this scenario; everything else is drawn by the seed."""
-    draw = Random(f"{name}/{seed}")
-    setting = Setting(
-        seed=seed,
-        vehicles=draw.randint(8, 20),
-        density=draw.choice((20, 40, 60, 80)),
-        penetration=draw.choice((0.3, 0.6, 1.0)),
-        duration_s=SECONDS,
-    )
-    return Run(scenario=name, setting=setting, loss=draw.choice((0.0, 0.2, 0.4, 0.6)))
-
-
-def wrong(record: dict[str, Any]) -> list[Any]:
-    """What must not happen, and did."""
-    collisions = record["collisions"]
-    found = [c for c in collisions["list"] if c["equipped"] == 2 or c["maneuver"]]
-    return found + (record["hazards"] or {"wrong": []})["wrong"]
 
 
 def nothing_bad_happens(seeds: int) -> None:

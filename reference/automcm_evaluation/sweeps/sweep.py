@@ -12,6 +12,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
 from importlib import import_module
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -94,16 +95,43 @@ def sweep(
 
     ``about`` is from ``header``.  ``workers``: processes; 0: one for each core.  ``scheduler``: a
     Dask scheduler's address, in place of processes of this machine.  ``again``: repeat
-    finished cells.  ``say`` gets the number of finished cells and of all cells.
+    finished cells.  ``notify`` gets the number of finished cells and of all cells.
 
     Raises ExperimentError for settings that cannot work, a folder with cells of another sweep,
     and a missing extra; OSError for a folder that cannot be written or a disk that is full.
     """
     settings = made.settings.model_validate(about["settings"])
-    wanted = made.cells(settings)
+    run = partial(run_cell, made.name, seed=about["seed"])
+    return finish(
+        made.cells(settings),
+        run,
+        about,
+        folder,
+        workers=workers,
+        scheduler=scheduler,
+        again=again,
+        notify=notify,
+    )
+
+
+def finish(
+    wanted: Sequence[Values],
+    run: Callable[[Values], Values],
+    about: Values,
+    folder: Path,
+    *,
+    workers: int = 0,
+    scheduler: str = "",
+    again: bool = False,
+    notify: Callable[[int, int], None] = lambda done, of: None,
+) -> list[Cell]:
+    """Run the cells with these values, in this order, except those that are already finished.
+
+    ``run`` must be picklable.  A folder with another ``about`` is refused.  Otherwise as ``sweep``.
+    """
     texts = [canonical(values) for values in wanted]
     if len(set(texts)) != len(texts):
-        raise ExperimentError(f"{made.name}: the sweep contains a cell twice")
+        raise ExperimentError("the sweep contains a cell twice")
     kept = folder / "cells.ndjson"
     prepare(folder)
     if again:
@@ -111,12 +139,14 @@ def sweep(
     done = resumed(kept, about)
     missing = [values for values, text in zip(wanted, texts, strict=True) if text not in done]
     notify(len(wanted) - len(missing), len(wanted))
+    ran = len(wanted) - len(missing)
     with kept.open("a", encoding="utf-8") as file:
-        for values, result in _results(made.name, missing, about["seed"], workers, scheduler):
+        for values, result in _results(run, missing, workers, scheduler):
             file.write(canonical({"values": values, "result": result}) + "\n")
             file.flush()
             done[canonical(values)] = result
-            notify(len(done), len(wanted))
+            ran += 1
+            notify(ran, len(wanted))
     return [Cell(values, done[text]) for values, text in zip(wanted, texts, strict=True)]
 
 
@@ -171,24 +201,24 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
 
 
 def _results(
-    name: str, missing: Sequence[Values], seed: int, workers: int, scheduler: str
+    run: Callable[[Values], Values], missing: Sequence[Values], workers: int, scheduler: str
 ) -> Iterator[tuple[Values, Values]]:
     """Yield each cell when it is finished."""
     if not missing:
         return
     if scheduler:
-        yield from _on_dask(name, missing, seed, scheduler)
+        yield from _on_dask(run, missing, scheduler)
         return
     workers = min(workers or os.cpu_count() or 1, len(missing))
     if workers == 1:
         for values in missing:
-            yield values, run_cell(name, values, seed)
+            yield values, run(values)
         return
     with ProcessPoolExecutor(
         workers, get_context("spawn"), initializer=children.end_with_parent
     ) as pool:
         running: dict[Future[Values], Values] = {
-            pool.submit(run_cell, name, values, seed): values for values in missing
+            pool.submit(run, values): values for values in missing
         }
         try:
             while running:
@@ -199,7 +229,7 @@ def _results(
 
 
 def _on_dask(
-    name: str, missing: Sequence[Values], seed: int, scheduler: str
+    run: Callable[[Values], Values], missing: Sequence[Values], scheduler: str
 ) -> Iterator[tuple[Values, Values]]:
     try:
         dask: Any = import_module("distributed")
@@ -208,8 +238,6 @@ def _on_dask(
             raise
         raise ExperimentError("--scheduler needs Dask: pip install 'automcm[dask]'") from None
     with dask.Client(scheduler, timeout=CONNECT_S) as client:
-        futures = {
-            client.submit(run_cell, name, values, seed, pure=False): values for values in missing
-        }
+        futures = {client.submit(run, values, pure=False): values for values in missing}
         for future in dask.as_completed(futures):
             yield futures[future], future.result()

@@ -94,3 +94,18 @@ class Run:
                 raise TrafficError(str(error)) from None
             with closing(radio):
                 yield radio
+
+
+def wrong(record: dict[str, Any]) -> list[str]:
+    """A line for everything in a record that must not happen: collisions between equipped vehicles,
+    collisions by a maneuver, and hazards that are unexcused (S-5) or exceed B (T-2)."""
+    collisions, hazards = record["collisions"], record["hazards"] or {"wrong": []}
+    counted = {
+        "between equipped vehicles": collisions["between_equipped"],
+        "by a maneuver": collisions["by_maneuver"],
+    }
+    found = [f"{number} collisions {what}" for what, number in counted.items() if number]
+    return found + [
+        f"a hazard of {hazard['ms']} ms with {hazard['excuse'] or 'no'} excuse"
+        for hazard in hazards["wrong"]
+    ]
