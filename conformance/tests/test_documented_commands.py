@@ -81,6 +81,7 @@ WORKERS = By("spec/tests/test_distributed_tlc.py::test_two_workers_find_the_stat
 GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = By(f"{HERE}cli.py::test_generated_files_are_not_stale")
 TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
+SEEDS = By(f"{HERE}simulate_command.py::test_a_traffic_sweep_continues")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
 SWEEP = Parsed("minutes; test_experiment_cli.py runs a sweep that is short")
@@ -160,6 +161,7 @@ TABLE: dict[str, Way] = {
     "automcm simulate traffic --scenario lane-change --vehicles 20": TRAFFIC,
     "automcm simulate traffic --scenario lane-change --vehicles 60 --radio ns3": TRAFFIC,
     "automcm simulate traffic --scenario merge --vehicles 20": TRAFFIC,
+    "automcm simulate traffic-sweep --seeds 10": SEEDS,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,

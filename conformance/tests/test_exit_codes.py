@@ -84,6 +84,7 @@ TABLE: dict[str, Cheap | str] = {
     "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
     "simulate traffic": SUMO,
+    "simulate traffic-sweep": SUMO,
     "spec bench": TLC,
     "spec check": Cheap(["bare_ack"], files=("--traces", JSON), slow=True),
     "spec list": Cheap([], files=(JSON,)),

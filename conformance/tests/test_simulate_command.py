@@ -6,13 +6,16 @@ import json
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cli_stage import automcm
 
 from automcm_cli.reference import simulate_command, traffic_command
+from automcm_evaluation.traffic import sumo_mover
 from automcm_maintenance.benches import kernel_bench
 
+CORPUS = Path(__file__).parents[2] / "traces" / "corpus"
 PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
 
 
@@ -177,20 +180,53 @@ def test_an_unknown_scenario_is_a_usage_error_that_lists_them(tmp_path: Path) ->
     assert automcm("simulate", "traffic", "--penetration", "2").exit_code == 2
 
 
-@pytest.mark.parametrize(
-    ("wrong", "code"),
-    [
-        ({}, 0),
-        ({"between_equipped": 1}, 1),
-        ({"by_maneuver": 1}, 1),
-        ({"all": 1}, 0),
-        ({"hazard": 1}, 1),
-    ],
-)
-def test_what_must_not_happen_in_traffic_is_exit_code_1(wrong: dict[str, int], code: int) -> None:
-    collisions = {"between_equipped": 0, "by_maneuver": 0, "all": 0} | wrong
-    hazards = {"wrong": [{"seed": 1}] if "hazard" in wrong else []}
-    assert traffic_command._bad({"collisions": collisions, "hazards": hazards}) == bool(code)
-    assert not traffic_command._bad(
-        {"collisions": collisions | dict.fromkeys(collisions, 0), "hazards": None}
-    )
+def _run_of(values: dict[str, Any]) -> dict[str, Any]:
+    """What a run of seed 3 found wrong."""
+    wrong = ["1 collisions by a maneuver"] if values["seed"] == 3 else []
+    return {
+        **dict.fromkeys(("requested", "agreed", "completed", "hazards", "longest_ms"), 1),
+        "collisions": {"between_equipped": 0, "by_maneuver": len(wrong), "all": len(wrong)},
+        "command": "automcm simulate traffic --seed 3",
+        "wrong": wrong,
+    }
+
+
+def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = []
+
+    def checked(values: dict[str, Any]) -> dict[str, Any]:
+        ran.append((values["scenario"], values["seed"]))
+        return _run_of(values)
+
+    monkeypatch.setattr(traffic_command, "_checked", checked)
+    monkeypatch.setattr(sumo_mover, "sumo_home", lambda: tmp_path)
+    only = ("--scenario", "merge", "--scenario", "crossing", "--workers", "1")
+    sweep = ("simulate", "traffic-sweep", *only, "--out", str(tmp_path))
+    done = automcm(*sweep, "--seeds", "3")
+    assert done.exit_code == 0 and len(ran) == 6
+    done = automcm(*sweep, "--seeds", "4")
+    assert done.exit_code == 1 and ran[6:] == [("merge", 3), ("crossing", 3)]
+    assert "merge, seed 3: 1 collisions by a maneuver" in done.stdout
+    assert "automcm simulate traffic --seed 3" in done.stdout
+    done = automcm(*sweep, "--seeds", "4", "--json", "-")
+    report = json.loads(done.stdout)
+    assert report["scenarios"]["crossing"]["runs"] == 4 and len(report["bad"]) == 2
+    assert len(ran) == 8 and len((tmp_path / "cells.ndjson").read_text().splitlines()) == 9
+
+
+def test_a_traffic_sweep_needs_sumo_and_known_scenarios(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    done = automcm("simulate", "traffic-sweep", "--out", str(tmp_path))
+    assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
+    done = automcm("simulate", "traffic-sweep", "--scenario", "fly", "--out", str(tmp_path))
+    assert done.exit_code == 2 and "lane-change-4" in done.output
+
+
+def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
+    good = sorted((CORPUS / "pair").glob("*.ndjson"))
+    bad = CORPUS / "bad" / "busy_accepted.ndjson"
+    assert len(good) > 1 and traffic_command.not_allowed(good) == []
+    (line,) = traffic_command.not_allowed([bad])
+    assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")

@@ -1,0 +1,144 @@
+"""The sweep over seeds of traffic, without SUMO: what it reports, and that it repeats."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from traffic_stage import traffic
+
+from automcm_evaluation.framework.experiment import Cell
+from automcm_evaluation.sweeps import traffic_sweep
+from automcm_evaluation.traffic.traffic import Traffic
+from automcm_evaluation.traffic.traffic_scenario import Setting
+from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_evaluation.traffic_scenarios.traffic_run import Run, wrong
+
+Change = Callable[[dict[str, Any]], None]
+
+
+class Staged(Run):
+    """Moved by the small road; the record is changed by ``change``."""
+
+    change: Change = staticmethod(lambda record: None)
+    seeds: list[int] | None = None
+    """The seeds of its runs in turn, in place of the setting's."""
+
+    def drive(self, *, logs: Path | None = None, **more: Any) -> Traffic:
+        seed = self.seeds.pop() if self.seeds else self.setting.seed
+        made, _ = traffic(seed=seed, vehicles=4, loss=0.3, duration_s=8, logs=logs)
+        made.run()
+        return made
+
+    def record(self, traffic: Traffic) -> dict[str, Any]:
+        record = super().record(traffic)
+        Staged.change(record)
+        return record
+
+
+@pytest.fixture(autouse=True)
+def staged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def drawn(scenario: str, seed: int) -> Run:
+        return Staged(scenario=scenario, setting=Setting(seed=seed))
+
+    monkeypatch.setattr(traffic_sweep, "drawn", drawn)
+
+
+def check(twice: bool = False, judge: traffic_sweep.Judge = lambda logs: []) -> dict[str, Any]:
+    return traffic_sweep.check({"scenario": "lane-change", "seed": 5, "twice": twice}, judge)
+
+
+def test_a_good_run_has_nothing_wrong_and_repeats() -> None:
+    judged: list[list[str]] = []
+
+    def judge(logs: Sequence[Path]) -> list[str]:
+        judged.append([log.name for log in logs])
+        return []
+
+    found = check(twice=True, judge=judge)
+    assert found["wrong"] == [] and found["sha256"] == check()["sha256"]
+    assert judged == [["1.ndjson", "2.ndjson", "3.ndjson", "4.ndjson"]]
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda r: r["collisions"].update(between_equipped=2), "2 collisions between equipped"),
+        (lambda r: r["collisions"].update(by_maneuver=1), "1 collisions by a maneuver"),
+        (
+            lambda r: r["hazards"]["wrong"].append({"seed": 5, "ms": 9, "excuse": ""}),
+            "a hazard of 9 ms with no excuse",
+        ),
+    ],
+)
+def test_collisions_and_hazards_are_wrong(
+    change: Change, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Staged, "change", staticmethod(change))
+    (line,) = check()["wrong"]
+    assert line.startswith(text)
+
+
+def test_collisions_of_others_are_not_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    change = staticmethod(lambda record: record["collisions"].update(all=1))
+    monkeypatch.setattr(Staged, "change", change)
+    assert check()["wrong"] == []
+
+
+def test_a_record_without_stations_has_no_hazards() -> None:
+    collisions = {"between_equipped": 0, "by_maneuver": 0, "all": 0}
+    assert wrong({"collisions": collisions, "hazards": None}) == []
+
+
+def test_a_log_that_is_not_allowed_is_wrong() -> None:
+    assert check(judge=lambda logs: ["2.ndjson:7: diverges"])["wrong"] == ["2.ndjson:7: diverges"]
+
+
+def test_other_bytes_of_the_same_seed_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Staged, "seeds", [5, 6])
+    assert check(twice=True)["wrong"] == ["a second run of the same seed wrote other bytes"]
+
+
+def test_settings_are_drawn_by_the_seed_and_the_command_repeats_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.undo()
+    runs = [traffic_sweep.drawn(name, seed) for name in SCENARIOS for seed in range(20)]
+    assert runs == [traffic_sweep.drawn(name, seed) for name in SCENARIOS for seed in range(20)]
+    assert {run.radio for run in runs} == {"even", "table"}
+    assert {run.loss for run in runs} == set(traffic_sweep.LOSSES)
+    for run in runs:
+        words = shlex.split(traffic_sweep.command(run))
+        options = dict(zip(words[3::2], words[4::2], strict=True))
+        s = run.setting
+        assert float(options.get("--loss", 0)) == run.loss
+        assert (options["--scenario"], options["--radio"]) == (run.scenario, run.radio)
+        assert (int(options["--vehicles"]), int(options["--seed"])) == (s.vehicles, s.seed)
+        assert float(options["--penetration"]) == s.penetration
+        assert float(options["--density"]) == s.density
+        assert float(options["--duration-s"]) == s.duration_s
+
+
+def test_all_scenarios_run_with_the_first_seeds_and_every_nth_seed_twice() -> None:
+    wanted = traffic_sweep.wanted(["a", "b"], 9, 2, 10)
+    assert [(v["scenario"], v["seed"], v["twice"]) for v in wanted] == [
+        *(("a", 9, False), ("b", 9, False), ("a", 10, True), ("b", 10, True)),
+    ]
+    assert not any(v["twice"] for v in traffic_sweep.wanted(["a"], 0, 2, 0))
+
+
+def test_the_summary_adds_up_by_scenario() -> None:
+    result = check() | {"hazards": 2, "longest_ms": 7, "wrong": ["x", "y"]}
+    result["collisions"] = {"between_equipped": 1, "by_maneuver": 2, "all": 3}
+    values = traffic_sweep.wanted(["merge"], 0, 2, 2)
+    found = traffic_sweep.summary(
+        [Cell(values[0], result), Cell(values[1], result | {"longest_ms": 5, "wrong": []})]
+    )
+    assert found["merge"] == {
+        **{"runs": 2, "twice": 1, "hazards": 4, "longest_ms": 7, "wrong": 1},
+        **{"between_equipped": 2, "by_maneuver": 4, "all": 6},
+        **{name: 2 * result[name] for name in ("requested", "agreed", "completed")},
+    }
