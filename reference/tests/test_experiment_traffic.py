@@ -15,7 +15,7 @@ from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_evaluation.traffic_experiment import traffic_cell
 from automcm_evaluation.traffic_experiment.crowd_sessions import all_ask, answers
 from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
-from automcm_evaluation.traffic_experiment.traffic_page import coverage
+from automcm_evaluation.traffic_experiment.traffic_page import coverage, indifferent
 from automcm_evaluation.traffic_experiment.traffic_tables import claims, summary
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -95,6 +95,18 @@ def test_runs_without_stations_are_shared_by_all_penetrations() -> None:
     assert not [v for v in cells(SMALL.model_copy(update={"sumo": False})) if v["part"] == "road"]
     with pytest.raises(ExperimentError, match="no scenario 'circus'"):
         cells(Scale(blocks=(("circus", 50.0, (1.0,), 1),)))
+
+
+def test_a_scenario_without_effect_of_cooperation_is_named(made: Json) -> None:
+    cells = made["cells"]
+    text = "SUMO's cooperation changed nothing in any run"
+    assert indifferent(cells) == ["lane-change-4"] and text in report.page(made)
+    changed = next(c for c in cells if c["values"].get("variant") == "cooperative")
+    other = changed | {"result": changed["result"] | {"lane_changes": -1}}
+    cells = [other if c is changed else c for c in cells]
+    assert indifferent(cells) == [] and text not in report.page(made | {"cells": cells})
+    none = [c for c in cells if c["values"].get("variant") == "none"]
+    assert indifferent(none) == [], "without a pair nothing is known"
 
 
 def test_travel_times_are_compared_by_seed(made: Json) -> None:

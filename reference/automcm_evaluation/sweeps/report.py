@@ -25,7 +25,7 @@ from automcm_evaluation.safety.ablations import WHOLE
 from automcm_evaluation.safety.safety_page import road_sum
 from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, WINDOWS_MS
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
-from automcm_evaluation.traffic_experiment.traffic_page import coverage, ended, signed
+from automcm_evaluation.traffic_experiment.traffic_page import coverage, ended, indifferent, signed
 from automcm_spec.support import files, markdown
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -169,6 +169,7 @@ def evaluation(folder: Path) -> str:
         traffic=traffic,
         limit=Parameters().max_participants,
         coverage=coverage(traffic["road"]),
+        indifferent=indifferent(reports["traffic"]["cells"]),
         signed=signed,
         ended=ended(traffic["road"]),
         broken=sum(bool(row["unexcused"] or row["beyond"]) for row in mechanisms),

@@ -12,7 +12,7 @@ from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_evaluation.traffic.mover import STEP_MS
 from automcm_evaluation.traffic.traffic_measures import OVER_STEPS, TTC_S
 from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
-from automcm_evaluation.traffic_experiment.traffic_cell import VARIANTS
+from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
 from automcm_spec.support import markdown
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -55,6 +55,19 @@ def ended(road: Sequence[Values]) -> dict[str, int]:
     return dict(sorted(found.items()))
 
 
+def indifferent(cells: Sequence[Values]) -> list[str]:
+    """The scenarios in which SUMO's cooperation (lcCooperative) changed nothing in any run."""
+    alone: dict[str, dict[tuple[str, float, int], Values]] = {name: {} for name in ALONE}
+    for cell in cells:
+        v = cell["values"]
+        if v.get("variant") in ALONE:
+            alone[v["variant"]][v["scenario"], v["per_km"], v["seed"]] = cell["result"]
+    none, cooperative = (alone[name] for name in ALONE)
+    both = none.keys() & cooperative.keys()
+    differ = {key[0] for key in both if none[key] != cooperative[key]}
+    return sorted({key[0] for key in both} - differ)
+
+
 def spread(value: Sequence[float] | None, digits: int = 1) -> str:
     """Median, and in brackets least and greatest."""
     if value is None:
@@ -80,6 +93,7 @@ def page(report: Values) -> str:
         settings=report["settings"],
         variants=VARIANTS,
         coverage=coverage(s["road"]),
+        indifferent=indifferent(report["cells"]),
         spread=spread,
         signed=signed,
         reasons=list(ended(s["road"])),
