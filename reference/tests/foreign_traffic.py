@@ -1,9 +1,9 @@
 """Stations in the traffic of a real SUMO (``automcm simulate traffic``).
 
-    python reference/tests/foreign_traffic.py [SEEDS]
+    python reference/tests/foreign_traffic.py
 
 Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so; so is a
-drive over ns-3 (automcm[radio]).  SEEDS: short drives of each scenario (default: 2).
+drive over ns-3 (automcm[radio]).  ``automcm simulate traffic-sweep`` runs more seeds.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import foreign_checks
 
 from automcm_evaluation.sweeps.traffic_sweep import SECONDS, drawn
 from automcm_evaluation.traffic.mover import TrafficError
@@ -25,19 +26,22 @@ from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wro
 from automcm_spec.support.extras import missing
 from automcm_traces.explain.explain import explain_files
 
+SEEDS = 2
+"""Short drives of each scenario."""
 
-def nothing_bad_happens(seeds: int) -> None:
+
+def nothing_bad_happens() -> None:
     for name in SCENARIOS:
         agreed = 0
-        for seed in range(seeds):
+        for seed in range(SEEDS):
             run = drawn(name, seed)
             record = run.record(run.drive())
             agreed += record["sessions"]["agreed"]
             assert not wrong(record), (name, seed, wrong(record))
-        print(f"        {name}: {seeds} drives, {agreed} agreements, nothing bad")
+        print(f"        {name}: {SEEDS} drives, {agreed} agreements, nothing bad")
 
 
-def a_run_repeats_byte_for_byte(seeds: int) -> None:
+def a_run_repeats_byte_for_byte() -> None:
     run = drawn("lane-change", 1)
     with tempfile.TemporaryDirectory() as folder:
         found = []
@@ -48,7 +52,7 @@ def a_run_repeats_byte_for_byte(seeds: int) -> None:
         assert found[0] == found[1]
 
 
-def a_drive_over_ns3_repeats_and_is_not_that_over_its_table(seeds: int) -> None:
+def a_drive_over_ns3_repeats_and_is_not_that_over_its_table() -> None:
     if (reason := missing("radio")) is not None:
         print(f"SKIPPED: ns-3 {reason}")
         return
@@ -64,7 +68,7 @@ def a_drive_over_ns3_repeats_and_is_not_that_over_its_table(seeds: int) -> None:
     assert records[0] == records[2] != records[1]
 
 
-def every_log_is_allowed(seeds: int) -> None:
+def every_log_is_allowed() -> None:
     run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
     with tempfile.TemporaryDirectory() as folder:
         traffic = run.drive(logs=Path(folder))
@@ -73,7 +77,7 @@ def every_log_is_allowed(seeds: int) -> None:
         assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 10, verdicts
 
 
-def a_prescription_is_driven_and_not_teleported(seeds: int) -> None:
+def a_prescription_is_driven_and_not_teleported() -> None:
     """Nobody moves further in a step than its speed allows, along or to the side."""
     run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
     last: dict[int, tuple[float, float]] = {}
@@ -92,7 +96,7 @@ def a_prescription_is_driven_and_not_teleported(seeds: int) -> None:
     assert not far and traffic.record()["outcome"]["has changed lanes"] > 0, far
 
 
-CHECKS: tuple[Callable[[int], None], ...] = (
+CHECKS: tuple[Callable[[], None], ...] = (
     a_run_repeats_byte_for_byte,
     a_drive_over_ns3_repeats_and_is_not_that_over_its_table,
     every_log_is_allowed,
@@ -102,25 +106,11 @@ CHECKS: tuple[Callable[[int], None], ...] = (
 
 
 def main() -> int:
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 2
     try:
         sumo_home()
     except TrafficError as error:
-        print(f"SKIPPED: stations in traffic: {error}")
-        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
-        return 0
-    failed = 0
-    for check in CHECKS:
-        name = check.__name__.replace("_", " ")
-        try:
-            check(seeds)
-            print(f"ok      {name}", flush=True)
-        except Exception as error:
-            failed += 1
-            where = traceback.extract_tb(error.__traceback__)[1]
-            print(f"FAILED  {name}, line {where.lineno}: {error!r}", flush=True)
-    print(f"{len(CHECKS) - failed} passed, {failed} failed")
-    return 1 if failed else 0
+        return foreign_checks.run("stations in traffic", CHECKS, str(error))
+    return foreign_checks.run("stations in traffic", CHECKS, None)
 
 
 if __name__ == "__main__":
