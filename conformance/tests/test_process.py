@@ -357,26 +357,26 @@ while True:
 
 DAEMONS = """
 import os, sys, time
+sys.stdin.readline()
 if os.fork() == 0:
     os.setsid()
     if {twice} and os.fork():
         os._exit(0)
     print(os.getpid(), flush=True)
     time.sleep(600)
-sys.stdin.readline()
 time.sleep(600)
 """
 
 
 NAMELESS = """
 import os, sys
+sys.stdin.readline()
 if os.fork() == 0:
     os.setsid()
     if os.fork():
         os._exit(0)
     print(os.getpid(), flush=True)
     os.execve("/bin/sleep", ["sleep", "600"], {})
-sys.stdin.readline()
 sys.stdin.readline()
 """
 
