@@ -25,6 +25,8 @@ from automcm_spec.compilation.sany import Specification  # noqa: E402
 from automcm_spec.model_checking import models  # noqa: E402
 from automcm_spec.support.paths import MODELS  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
+from automcm_spec.vocabulary.application import Command, names  # noqa: E402
+from automcm_spec.vocabulary.parameters import TIMERS  # noqa: E402
 from automcm_spec.vocabulary.station import OpenStation, Receive  # noqa: E402
 
 STATION = OpenStation(2, 2, 5, 2, frozenset({2}), frozenset({1}), frozenset({1, 2}))
@@ -124,23 +126,11 @@ def test_all_is_proved(spec: Specification) -> None:
     assert len({r.step for r in report.results}) > 30
 
 
-TIMERS = (
-    "advertise",
-    "decide",
-    "hold",
-    "answer",
-    "cam",
-    "lease",
-    "quarantine",
-    "backoff",
-    "forget",
-)
-COMMANDS = ("request", "close", "prescribe", "proceed", "accept", "refuse", "complete", "abort")
 STEPS = {
     "Restart",
     *(f"Receive {kind}" for kind in MESSAGES),
-    *(f"Command {name}" for name in COMMANDS),
-    *(f"Expire {name}" for name in TIMERS),
+    *(f"Command {name}" for name in names(Command)),
+    *(f"Expire {name}" for name in TIMERS.keys() - {"giveup", "resend"}),
     *(f"Expire giveup({kind})" for kind in ENTRIES),
     *(f"Expire resend({kind})" for kind in (*ENTRIES, "Advertisement")),
 }
