@@ -67,6 +67,14 @@ def spec_mutate(
             "matrix or those named by --model.",
         ),
     ] = False,
+    sparing: Annotated[
+        bool,
+        typer.Option(
+            "--sparing",
+            help="With --matrix: check temporal properties only on mutants that no other property "
+            "kills.  A later run without it checks the rest.",
+        ),
+    ] = False,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
@@ -92,8 +100,10 @@ def spec_mutate(
     from automcm_maintenance.spec_mutation import mutate_commands
 
     if matrix and not list_:
-        _matrix(module, model, only, limit, jobs, write, json_)
+        _matrix(module, model, only, limit, jobs, sparing, write, json_)
     with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+        if sparing and not matrix:
+            raise mutate_commands.Usage("--sparing needs --matrix")
         sample = 260 if limit is None else limit
         asked = mutate_commands.Asked(
             profile, module, model, only, sample, jobs, search, longest, write
@@ -148,6 +158,7 @@ def _matrix(
     only: str | None,
     limit: int | None,
     jobs: int,
+    sparing: bool,
     write: bool,
     json_: Path | None,
 ) -> None:
@@ -159,7 +170,7 @@ def _matrix(
         if write and (only or limit):
             raise mutate_commands.Usage("--write cannot be combined with --only or --limit")
         with progress() as notify:
-            report = matrix_commands.run(model, only, limit, jobs, notify)
+            report = matrix_commands.run(model, only, limit, jobs, sparing, notify)
         if write:
             matrix_commands.write(report)
     if write_json(json_, matrix_commands.as_dict(report)):

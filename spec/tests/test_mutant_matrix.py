@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -232,7 +233,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[list[int]]]:
                 error = says(numbers, say)
                 if error is not None:
                     raise error
-            return tlc.Result("holds", None, 1, 1, 1, 1)
+            return tlc.Result("holds", None, COUNT.distinct_states or 0, 1, 1, 1)
 
         monkeypatch.setattr(tlc, "run", run)
         return ran
@@ -354,6 +355,36 @@ def test_a_violation_without_a_mutant_ends_the_run(
         of(folder).run(FOUR, 1, quiet)
 
 
+def test_a_smaller_model_has_its_own_number_of_states(
+    folder: Path, pretend: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "count.cfg").write_text("CONSTANTS\n  Top = 9\n" + CFG.partition("\n")[2])
+    smaller = matrix.Smaller({"Top": "5"}, 4)
+    monkeypatch.setattr(matrix, "SMALLER", {"count": smaller})
+    [unit] = of(folder).units
+    assert "  Top = 5\n" in unit.checks.rest
+    pretend(lambda numbers, say: None)
+    assert of(folder).run(FOUR, 1, quiet)[1]
+    monkeypatch.setattr(matrix, "SMALLER", {"count": replace(smaller, distinct_states=5)})
+    with pytest.raises(MutationError, match="count without a mutant has 4 states, not 5"):
+        of(folder).run(FOUR, 1, quiet)
+    monkeypatch.setattr(matrix, "SMALLER", {"count": matrix.Smaller({"Bottom": "5"}, 4)})
+    with pytest.raises(MutationError, match="no constant Bottom"):
+        of(folder)
+
+
+def test_a_sparing_run_leaves_temporal_properties_out_that_another_makes_dispensable(
+    folder: Path, pretend: Any
+) -> None:
+    def says(numbers: list[int], say: Any) -> None:
+        say(1, "Small")
+
+    ran = pretend(says)
+    rows, complete = Matrix((COUNT, LIVELY), folder, folder, sparing=True).run(FOUR, 1, quiet)
+    assert complete and ran == [[1, 2, 3, 4], [2, 3, 4]]
+    assert [row.unfinished for row in rows] == [{"lively BackProp": "left"}, {}, {}, {}]
+
+
 def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
     pretend(lambda numbers, say: failure("disk"))
     with pytest.raises(MutationError, match="disk"):
@@ -362,7 +393,7 @@ def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
 
 # The page
 
-HEAD = Head(models=["count"], states=3)
+HEAD = Head(models=["count"], smaller={"count": {"Top": "5"}}, states=3)
 KILLED = Entry(id="Station.Step.x.1", change="a  =>  b", kills={"S-1": "count"}, unfinished={})
 SEEN = Entry(id="Station.Step.x.2", change="c  =>  d", kills={"oracle": "count"}, unfinished={})
 ALIVE = Entry(id="Station.Same.x.3", change="e  =>  f", kills={}, unfinished={"count": "error"})
@@ -373,6 +404,10 @@ def test_the_page_counts_and_lists() -> None:
     text = matrix_page.section(HEAD, entries, {SEEN.id: "Only an answer.", ALIVE.id: "Nothing."})
     assert "| definition | mutants | S-1 | oracle | error | none |" in text
     assert "| `Step` | 2 | 1 | 1 |  | 1 |" in text and "| `Same` | 1 |  |  | 1 | 1 |" in text
+    assert "each property by itself (`count` with `Top = 5`, so that" in text
+    assert "left out" not in text
+    left = KILLED.model_copy(update={"unfinished": {"lively": "left"}})
+    assert "1 explorations were left out" in matrix_page.section(HEAD, [left], {})
     assert "2 of 3; the comparison with the oracle finds 1 of them" in text
     assert f"Only an answer.\n\n- `{SEEN.id}`: `c  =>  d`" in text and KILLED.id not in text
 
@@ -434,6 +469,7 @@ def test_the_committed_reasons_fit_the_committed_matrix() -> None:
     ],
 )
 def test_the_command_refuses(options: list[str]) -> None:
+    assert CliRunner().invoke(app, ["spec", "mutate", "--sparing"]).exit_code == 2
     assert CliRunner().invoke(app, ["spec", "mutate", "--matrix", *options]).exit_code == 2
 
 

@@ -33,9 +33,11 @@ class _Row(BaseModel):
 
 
 class Head(_Row):
-    """models ran in this order; a mutant was explored up to ``states`` times a model's states."""
+    """models ran in this order, some with smaller constants; a mutant was explored up to ``states``
+    times a model's states."""
 
     models: list[str]
+    smaller: dict[str, dict[str, str]]
     states: int
 
 
@@ -139,8 +141,8 @@ def section(head: Head, entries: Sequence[Entry], known: Mapping[str, str]) -> s
     alive = [entry for entry in entries if not entry.properties]
     lines = [
         f"The models {', '.join(f'`{name}`' for name in head.models)} were run on all "
-        f"{len(entries)} mutants of Station, each property by itself.  A mutant counts in the "
-        "column of every property that it violates; `matrix.jsonl` names the models.",
+        f"{len(entries)} mutants of Station, each property by itself{_smaller(head)}.  A mutant "
+        "counts in the column of every property that it violates; `matrix.jsonl` names the models.",
         "",
         markdown_table(heads, rows),
         "",
@@ -175,13 +177,26 @@ def _counts(entries: Sequence[Entry], columns: Sequence[str]) -> list[object]:
     return [len(entries), *(killed[id_] or "" for id_ in columns), errors or "", none or ""]
 
 
+def _smaller(head: Head) -> str:
+    """The models that are smaller than under their name."""
+    each = [
+        f"`{name}` with {' and '.join(f'`{k} = {v}`' for k, v in constants.items())}"
+        for name, constants in head.smaller.items()
+    ]
+    return f" ({', '.join(each)}, so that hundreds of mutants can run in them)" if each else ""
+
+
 def _unfinished(head: Head, entries: Sequence[Entry]) -> str:
     """How many cells are undecided."""
     ends = Counter(end for entry in entries for end in entry.unfinished.values())
+    left = (
+        f"  {ends['left']} explorations were left out: temporal properties on mutants that another "
+        "property kills (`--sparing`)."
+    )
     return (
         f"Undecided: {ends['states']} explorations ended at {head.states} times the states of the "
         f"model, {ends['time']} at the time limit.  What such a mutant violates later is not known."
-    )
+    ) + (left if ends["left"] else "")
 
 
 def page_part() -> str:

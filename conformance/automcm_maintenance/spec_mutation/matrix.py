@@ -28,23 +28,50 @@ CFGS = (
     "one_by_one_two_sessions",
     "one_by_two",
     "unreduced",
+    "two_by_one",
     "cams_without_marks",
     "together_slow",
     "station_properties",
-    "two_by_one",
     "cam_ahead",
     "left_alone",
+    "independent_tight",
     "timed",
     "promise_kept",
     "completes",
     "silence",
     "ends",
-    "one_word",
-    "independent_tight",
 )
 """The models of the matrix, in the order in which they run: for each property the cheapest.
 
 A property that one of them has shown to be violated is not checked again."""
+
+
+@dataclass(frozen=True)
+class Smaller:
+    """Other constants of a model, and its number of distinct states with them, which is checked."""
+
+    constants: Mapping[str, str]
+    distinct_states: int
+
+    def of(self, cfg: str) -> str:
+        """The cfg with these constants.  Raises MutationError if it has none of a name."""
+        for name, value in self.constants.items():
+            cfg, count = re.subn(rf"(?m)^  {name} = .*$", f"  {name} = {value}", cfg)
+            if count != 1:
+                raise MutationError(f"the model has no constant {name} to make smaller")
+        return cfg
+
+
+SMALLER: Mapping[str, Smaller] = {
+    "two_by_one": Smaller({"MaxRounds": "1"}, 1118),
+    "station_properties": Smaller({"OwnSessions": "{1}"}, 255),
+    "cam_ahead": Smaller({"Lease": "5"}, 6099),
+    "left_alone": Smaller({"Lease": "4"}, 18434),
+    "independent_tight": Smaller({"OutboxLimit": "2"}, 141),
+    "timed": Smaller({"Sendings": "1"}, 7581),
+    "ends": Smaller({"MaxRounds": "1"}, 1113),
+}
+"""The models that are made smaller, because hundreds of mutants run in them."""
 
 COMPARED = "station_properties"
 """The model in which each answer is compared with that of the unmutated station."""
@@ -55,12 +82,13 @@ MODULE = "Station"
 STATES = 3
 """A mutant is explored up to this multiple of the model's number of states."""
 
-End = Literal["finished", "states", "error", "time"]
+End = Literal["finished", "states", "error", "time", "left"]
 ENDS: dict[End, str] = {
     "finished": "all its states were explored, or all properties were violated",
     "states": f"it has more than {STATES} times the model's states; the rest was not explored",
     "error": "TLC could not evaluate the mutant in a state, and stopped there",
     "time": "TLC did not end in time, or exceeded its memory",
+    "left": "it was not explored, because another property kills it and the run was sparing",
 }
 """The ways in which the exploration of a mutant ends.  Only after the first is a property that was
 not violated known to hold."""
@@ -68,7 +96,8 @@ not violated known to hold."""
 _VERSION = 1  # of the keys: raise it when a change of the code may change a result
 _HEAP_MB = 2000
 _BATCH = 48
-_BATCH_STATES = 400_000
+_BATCH_STATES = 600_000
+_BATCH_TEMPORAL = 4  # TLC stops at the first violation, and the rest of the batch runs again
 _SHORT_STATES = 40_000
 _AT = re.compile(r"^/\\ mut = (\d+)$", re.MULTILINE)
 _COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
@@ -102,6 +131,7 @@ class _Unit:
     model: Model
     checks: Checks
     source: str
+    distinct_states: int
 
     @property
     def name(self) -> str:
@@ -156,18 +186,22 @@ class Matrix:
         models_dir: Path = MODELS,
         cells: Path | None = None,
         module: str = MODULE,
+        sparing: bool = False,
     ) -> None:
         self.stop = tlc.Stop()
+        self._sparing = sparing
         self._module = module
         self._cells = Cells(cells)
         self._texts = {p.stem: p.read_text(encoding="utf-8") for p in sorted(tla.glob("*.tla"))}
         self._source = self._texts[module].encode()
         self._spans = mutants.definitions(self._source)
         self.units = [unit for model in chosen for unit in self._of(model, models_dir)]
+        self._temporal = {id_of(name) for unit in self.units for name in unit.checks.temporal}
         self._fixed = _reached(_ALPHABET, "\n".join(map(self._texts.__getitem__, self._texts)))
 
     def _of(self, model: Model, models_dir: Path) -> list[_Unit]:
-        cfg = (models_dir / f"{model.cfg}.cfg").read_text(encoding="utf-8")
+        smaller = SMALLER.get(model.cfg, Smaller({}, model.distinct_states or 1))
+        cfg = smaller.of((models_dir / f"{model.cfg}.cfg").read_text(encoding="utf-8"))
         try:
             checks = matrix_modules.checks(
                 model.module, cfg, self._texts, compared=model.cfg == COMPARED
@@ -178,7 +212,10 @@ class Matrix:
         rest = [_COMMENT.sub("", self._texts[name]) for name in sorted(read)]
         source = "\0".join([cfg, *rest, toolchain.SHA256, str((_VERSION, STATES))])
         each: list[tuple[str, ...]] = [(name,) for name in checks.temporal] or [()]
-        return [_Unit(model, replace(checks, temporal=names), source) for names in each]
+        return [
+            _Unit(model, replace(checks, temporal=names), source, smaller.distinct_states)
+            for names in each
+        ]
 
     def key(self, unit: _Unit, mutant: Mutant | None, known: Collection[str]) -> str:
         """The hash of all that a cell depends on."""
@@ -215,6 +252,9 @@ class Matrix:
             row.models += 1
             if "error" in row.unfinished.values() or all(id_ in row.kills for id_ in ids):
                 continue
+            if unit.checks.temporal and self._spared(row):
+                row.unfinished[unit.name] = "left"
+                continue
             key = self.key(unit, row.mutant, row.kills)
             if (cell := self._cells.get(key)) is None:
                 todo[n] = key
@@ -250,10 +290,15 @@ class Matrix:
             return False
         return True
 
+    def _spared(self, row: Row) -> bool:
+        """Whether a property that is not temporal kills it, and the run is sparing."""
+        return self._sparing and bool(set(row.kills) - self._temporal - {matrix_modules.ORACLE})
+
     def _batches(self, unit: _Unit, wanted: Mapping[int, Mutant]) -> list[list[int]]:
         """The mutants in the order of the text; alone, those that change the alphabet."""
         states = unit.model.states or 1
         size = max(4, min(_BATCH, _BATCH_STATES // states))
+        size = _BATCH_TEMPORAL if unit.checks.temporal else size
         fixed = self._fixed_in(unit)
         alone = [[n] for n, mutant in wanted.items() if mutant.operator in fixed]
         rest = [n for n, mutant in wanted.items() if mutant.operator not in fixed]
@@ -389,6 +434,9 @@ class Matrix:
         except tlc.TlcError as error:
             return self._failure(error, batch)
         if result.outcome == "holds":
+            if list(batch) == [ORIGINAL] and result.distinct_states != unit.distinct_states:
+                counts = f"{result.distinct_states} states, not {unit.distinct_states}"
+                raise MutationError(f"{unit.name} without a mutant has {counts}")
             return None, "finished"
         number = result.trace[-1].values.get("mut") if result.trace else None
         if not unit.checks.temporal or not isinstance(number, int) or number not in batch:
@@ -407,7 +455,7 @@ class Matrix:
         """One run of TLC on a generated Station."""
         if self.stop.stopped:
             raise _Stopped
-        states = unit.model.distinct_states or 1
+        limit = STATES * unit.distinct_states
         with scratch.folder("matrix") as folder:
             for name in models.extended(unit.model.module, self._texts, instances=True):
                 (folder / f"{name}.tla").write_text(self._texts[name], encoding="utf-8")
@@ -415,7 +463,7 @@ class Matrix:
             if unit.checks.compared:
                 original = matrix_modules.beside(self._source)
                 (folder / f"{matrix_modules.BESIDE}.tla").write_bytes(original)
-            module, cfg = matrix_modules.matrix(unit.checks, numbers, known, STATES * states)
+            module, cfg = matrix_modules.matrix(unit.checks, numbers, known, limit)
             (folder / f"{matrix_modules.MODULE}.tla").write_text(module, encoding="utf-8")
             path = folder / f"{matrix_modules.MODULE}.cfg"
             path.write_text(cfg, encoding="utf-8")

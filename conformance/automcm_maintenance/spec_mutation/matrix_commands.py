@@ -43,6 +43,7 @@ def run(
     only: str | None,
     limit: int | None,
     jobs: int,
+    sparing: bool,
     notify: Callable[[str], None],
 ) -> Report:
     """Run the matrix, by default all mutants in the models of ``matrix.CFGS``.
@@ -60,9 +61,8 @@ def run(
         if not mutants:
             raise Usage(f"no mutant matches {only!r}")
     chosen = sample(mutants, limit or None)
-    rows, complete = matrix.Matrix([loaded[name] for name in names], cells=CELLS).run(
-        chosen, jobs, notify
-    )
+    of = matrix.Matrix([loaded[name] for name in names], cells=CELLS, sparing=sparing)
+    rows, complete = of.run(chosen, jobs, notify)
     entries = [
         Entry(
             id=row.mutant.id,
@@ -75,7 +75,9 @@ def run(
     problems = []
     if complete and not (cfgs or only or limit):
         problems = matrix_page.problems(entries, matrix_page.reasons())
-    return Report(Head(models=names, states=matrix.STATES), entries, complete, problems)
+    smaller = {name: dict(s.constants) for name, s in matrix.SMALLER.items() if name in names}
+    head = Head(models=names, smaller=smaller, states=matrix.STATES)
+    return Report(head, entries, complete, problems)
 
 
 def as_dict(report: Report) -> dict[str, Any]:
