@@ -36,6 +36,31 @@ class LaneMap:
         except RuntimeError as error:
             raise MapError(f"{path}: {error}") from None
 
+    def lanes(self) -> list[int]:
+        """The ids of all lanelets."""
+        return sorted(lane.id for lane in self._map.laneletLayer)
+
+    def tag(self, lane: int, name: str) -> str | None:
+        """An attribute of a lanelet, as in the file; None if it has none of this name.
+
+        Raises MapError if the lanelet does not exist.
+        """
+        try:
+            attributes = self._map.laneletLayer[lane].attributes
+        except RuntimeError as error:
+            raise MapError(f"{self._path}: lane {lane}: {error}") from None
+        return str(attributes[name]) if name in attributes else None
+
+    def next(self, lane: int) -> list[int]:
+        """The lanelets that begin where this one ends, with both bounds."""
+        ends = self._ends(lane, -1)
+        return [other for other in self.lanes() if self._ends(other, 0) == ends]
+
+    def _ends(self, lane: int, place: int) -> tuple[int, int]:
+        """The points of both bounds at its begin (0) or end (-1)."""
+        found = self._map.laneletLayer[lane]
+        return found.leftBound[place].id, found.rightBound[place].id
+
     def zone(self, lane: int) -> Floats:
         """The lanelet with this id as a polygon, shape (n, 2).
 

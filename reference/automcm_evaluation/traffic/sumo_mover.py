@@ -22,10 +22,11 @@ from xml.sax.saxutils import quoteattr
 from automcm.kernels.road_line import RoadLine
 from automcm.kernels.trajectory import TrajectoryError
 from automcm.scenarios.road import LANE_WIDTH, STEP_S
+from automcm_evaluation.traffic import lanelet_network
 from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
 
 NETWORKS = Path(__file__).parent / "networks"
-"""Plain XML for netconvert: NAME.nod.xml, NAME.edg.xml, and NAME.con.xml where there is one."""
+"""Plain XML for netconvert (NAME.nod.xml, NAME.edg.xml), or a Lanelet2 map (NAME.osm)."""
 SUBLANE_M = LANE_WIDTH / 4
 REACHES_M = (20.0, 4.0)
 """Of a route's line, to the sides: the first that its bends allow."""
@@ -53,10 +54,14 @@ def sumo_home() -> Path:
 def network(name: str, folder: Path) -> Path:
     """The network NAME of NETWORKS, made by netconvert in ``folder``.  Raises TrafficError."""
     made = folder / f"{name}.net.xml"
-    parts = {"node": "nod", "edge": "edg", "connection": "con", "type": "typ"}
     command = [str(sumo_home() / "bin" / "netconvert"), "-o", str(made), "--no-warnings", "true"]
-    for option, ending in parts.items():
-        if (file := NETWORKS / f"{name}.{ending}.xml").exists():
+    plain = NETWORKS
+    if (lanelets := NETWORKS / f"{name}.osm").exists():
+        lanelet_network.write(lanelets, folder)
+        plain = folder
+        command += ["--offset.disable-normalization", "true"]  # the map's coordinates
+    for option, ending in {"node": "nod", "edge": "edg", "connection": "con"}.items():
+        if (file := plain / f"{name}.{ending}.xml").exists():
             command += [f"--{option}-files", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode or not made.exists():

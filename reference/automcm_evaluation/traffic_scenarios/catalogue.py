@@ -6,7 +6,10 @@ from collections.abc import Mapping
 
 from automcm_evaluation.traffic.traffic_scenario import Scenario
 from automcm_evaluation.traffic_scenarios.crossing_traffic import PedestrianCrossing
-from automcm_evaluation.traffic_scenarios.intersection_traffic import Intersection
+from automcm_evaluation.traffic_scenarios.intersection_traffic import (
+    Intersection,
+    LaneletIntersection,
+)
 from automcm_evaluation.traffic_scenarios.lane_change_traffic import LaneChanges
 from automcm_evaluation.traffic_scenarios.ramp_traffic import Ramps
 
@@ -18,6 +21,7 @@ SCENARIOS: Mapping[str, Scenario] = {
         Ramps("merge", unit=False),
         Ramps("merge-unit", unit=True),
         Intersection(),
+        LaneletIntersection(),
         PedestrianCrossing(),
     )
 }

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
+
+import numpy as np
 
 from automcm.kernels.road_line import RoadLine
 from automcm.scenarios import occupancy
@@ -13,7 +15,9 @@ from automcm.scenarios.occupancy import Perception, Track
 from automcm.scenarios.ramp_merge import BRAKE
 from automcm.scenarios.road import LANE_WIDTH, Vehicle
 from automcm.service.application import heard_by
+from automcm_evaluation.traffic import lanelet_network
 from automcm_evaluation.traffic.mover import RoadUser
+from automcm_evaluation.traffic.sumo_mover import NETWORKS
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
@@ -21,11 +25,10 @@ from automcm_evaluation.traffic_scenarios.stream import counted, stream
 from automcm_evaluation.traffic_scenarios.yielding import Yielding
 
 SCENARIO = "left_turn"
-TURNING, ONCOMING = ("from_west", "to_north"), ("from_east", "to_west")
 PLACE = (600.1, 1.75)
-"""Where the two ways cross (networks/intersection.nod.xml)."""
+"""Where the two ways cross in networks/intersection.nod.xml."""
 LINE = RoadLine([(2000.0, PLACE[1]), (0.0, PLACE[1])])
-"""The way of the oncoming vehicles."""
+"""The way of the oncoming vehicles there."""
 REACH_M = 4.5
 """The ways are in conflict so far before and behind the place."""
 TURN_M_S, TOWN_M_S = 5.0, (11.0, 13.5)
@@ -46,9 +49,17 @@ def earliest(way: float, speed: float) -> float:
 class LeftTurn(Yielding):
     """Waits before the place unless nobody comes, or whoever comes first has agreed to yield."""
 
-    def __init__(self, vehicle: Vehicle, turns: bool, sees: Perception) -> None:
-        super().__init__(vehicle, SCENARIO, PLACE)
-        self._turns, self._sees = turns, sees
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        turns: bool,
+        sees: Perception,
+        place: tuple[float, float] = PLACE,
+        line: RoadLine = LINE,
+    ) -> None:
+        """``place``: where the ways cross, m; ``line``: the way of the oncoming vehicles."""
+        super().__init__(vehicle, SCENARIO, place)
+        self._turns, self._sees, self._line = turns, sees, line
         self._goes = False
 
     def _through_s(self, way: float, speed: float) -> float:
@@ -58,15 +69,15 @@ class LeftTurn(Yielding):
 
     def _oncoming(self) -> list[Track]:
         now = self.service.now()
-        seen = self._sees(LINE.xy, now, now)
+        seen = self._sees(self._line.xy, now, now)
         heard = heard_by(self.service) or ()
-        known = occupancy.tracks(heard, seen, (), None, now, LINE)
+        known = occupancy.tracks(heard, seen, (), None, now, self._line)
         return [t for t in known if abs(t.y) < LANE_WIDTH / 2 and t.vx > -1.0]
 
     def _free(self, way: float) -> bool:
         """Whether nobody arrives before it is through."""
         at, needed = (
-            float(LINE.project([PLACE]).s[0]),
+            float(self._line.project([self.place]).s[0]),
             self._through_s(way, self.vehicle.speed) + APART_S,
         )
         promised = self.promised_ms()
@@ -84,7 +95,7 @@ class LeftTurn(Yielding):
         return True
 
     def _held(self, now_ms: int) -> float | None:
-        way = self.way(PLACE) if self._turns else None
+        way = self.way(self.place) if self._turns else None
         if way is None or way < REACH_M - 1.0:
             return None
         v, left = self.vehicle, way - REACH_M
@@ -93,7 +104,7 @@ class LeftTurn(Yielding):
         return None if self._goes else left
 
     def _wanted(self, now_ms: int) -> tuple[int, int] | None:
-        way = self.way(PLACE) if self._turns else None
+        way = self.way(self.place) if self._turns else None
         if way is None or way > ASKS_M or self._goes:
             return None
         begins = round(1000 * way / max(self.vehicle.speed, TURN_M_S))
@@ -107,7 +118,7 @@ class LeftTurn(Yielding):
 
     def _through(self, now_ms: int) -> bool:
         v = self.vehicle
-        rear = v.s - v.length / 2 - float(v.line.project([PLACE]).s[0])
+        rear = v.s - v.length / 2 - float(v.line.project([self.place]).s[0])
         return rear > REACH_M or super()._through(now_ms)
 
 
@@ -117,27 +128,60 @@ class Intersection:
 
     name: str = "intersection"
     network: str = "intersection"
+    turning: tuple[str, ...] = ("from_west", "to_north")
+    oncoming: tuple[str, ...] = ("from_east", "to_west")
+
+    def ways(self) -> tuple[tuple[float, float], RoadLine]:
+        """Where the ways cross, and that of the oncoming vehicles."""
+        return PLACE, LINE
 
     def users(self, setting: Setting) -> list[RoadUser]:
         """As ``Scenario.users``."""
         numbers = list(range(1, setting.vehicles + 1))
         on = partial(stream, setting, lane=0, gap_m=1000 / setting.density, desired=TOWN_M_S)
         oncoming = [n for n in numbers if n % 3]
-        return on(oncoming, route=ONCOMING, first_m=1320.0) + on(
-            numbers[2::3], route=TURNING, first_m=480.0
+        return on(oncoming, route=self.oncoming, first_m=1320.0) + on(
+            numbers[2::3], route=self.turning, first_m=480.0
         )
 
     def driver(self, user: RoadUser, vehicle: TrafficVehicle, sees: Perception) -> LeftTurn:
         """As ``Scenario.driver``."""
-        return LeftTurn(vehicle, user.route == TURNING, sees)
+        return LeftTurn(vehicle, user.route == self.turning, sees, *self.ways())
 
     def begin(self, traffic: Traffic) -> None:
         """As ``Scenario.begin``: nothing."""
 
     def outcome(self, traffic: Traffic) -> dict[str, Any]:
         """As ``Scenario.outcome``."""
-        turning = [user.number for user in traffic.users.values() if user.route == TURNING]
-        bodies = traffic.mover.bodies()
-        over = sum(n not in bodies or bodies[n].y > PLACE[1] + REACH_M for n in turning)
+        turning = [user.number for user in traffic.users.values() if user.route == self.turning]
+        bodies, line = traffic.mover.bodies(), traffic.mover.line(self.turning)
+        place, *there = [self.ways()[0], *(bodies[n][:2] for n in turning if n in bodies)]
+        at, *now = line.project([place, *there]).s.tolist()
+        over = len(turning) - sum(s <= at + REACH_M for s in now)
         words = ("requests", "asks nobody", "accepts to yield", "refuses to yield", "is through")
         return {"turn left": len(turning), "have turned": over} | counted(traffic, words)
+
+
+@dataclass(frozen=True)
+class LaneletIntersection(Intersection):
+    """The same on the Lanelet2 map networks/town.osm, where the street bends."""
+
+    name: str = "intersection-lanelet2"
+    network: str = "town"
+    turning: tuple[str, ...] = ("10", "31")
+    oncoming: tuple[str, ...] = ("20", "22")
+
+    def ways(self) -> tuple[tuple[float, float], RoadLine]:
+        """As ``Intersection.ways``, from the lanelets."""
+        return _lanelet_ways()
+
+
+@cache
+def _lanelet_ways() -> tuple[tuple[float, float], RoadLine]:
+    lanes = lanelet_network.lane_map(NETWORKS / "town.osm")
+    oncoming = lanes.line([20, 21, 22])
+    turning = lanes.line([30], reach=LANE_WIDTH / 2)
+    crossed = -oncoming.project(turning.xy).d  # the turn begins to the left of the oncoming way
+    s = np.interp(0.0, crossed, turning.project(turning.xy).s)
+    x, y = turning.place([s], [0.0])[0].tolist()
+    return (x, y), oncoming

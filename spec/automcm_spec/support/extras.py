@@ -7,6 +7,7 @@ from importlib.util import find_spec
 
 _PACKAGES = {
     "kit": ("typer", "rich", "jinja2", "junitparser"),
+    "map": ("lanelet2",),
     "radio": ("ns",),
     "secure": ("cbor2", "cryptography"),
 }
