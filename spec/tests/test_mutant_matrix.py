@@ -49,6 +49,7 @@ SlowProp ==
   [][ \/ n' = 0
       \/ n' <= n + 1 ]_vars
 BackProp == n = 3 ~> n = 0
+HomeProp == n = 2 ~> n = 0
 ====
 """
 CFG = "CONSTANT Top = 9\nSPECIFICATION Spec\nINVARIANTS Small Even\nPROPERTY SlowProp\n"
@@ -200,6 +201,38 @@ def test_a_batch_finds_what_a_run_of_each_property_finds() -> None:
             if result.outcome == "violates":
                 violated.add(matrix.id_of(name))
     assert set(cells[number].kills) == violated
+
+
+@pytest.mark.slow
+def test_temporal_properties_of_the_same_behaviour_are_explored_together_first(
+    folder: Path,
+) -> None:
+    """What violates none needs one run instead of two; what violates one, a run for each."""
+    (folder / "both.cfg").write_text(
+        "CONSTANT Top = 9 \\* as lively\nSPECIFICATION FairSpec\nPROPERTIES BackProp HomeProp\n"
+    )
+    first = made(2, b"THEN x + 1", b"THEN IF x = 2 THEN 2 ELSE x + 1")
+    high = by_change(folder)[HIGHER]
+    ran: list[tuple[int, str]] = []
+
+    class Told(Matrix):
+        def _run(self, unit: Any, batch: Any, *more: Any) -> Any:
+            if list(batch) != [matrix_modules.ORIGINAL]:
+                ran.append((len(batch), " ".join(unit.checks.temporal)))
+            return super()._run(unit, batch, *more)
+
+    cells = folder / "cells.jsonl"
+    of_both = (LIVELY, tiny("both", module="Counter"))
+    rows, complete = Told(of_both, folder, folder, cells).run([high, first], 1, quiet)
+    assert complete and [sorted(row.kills) for row in rows] == [[], ["HomeProp"]]
+    assert ran == [
+        (2, "BackProp HomeProp"),
+        (1, "BackProp HomeProp"),
+        (1, "BackProp"),
+        (1, "BackProp HomeProp"),
+        (1, "BackProp"),
+        (1, "HomeProp"),
+    ]
 
 
 # Without TLC

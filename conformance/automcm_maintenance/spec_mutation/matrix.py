@@ -96,7 +96,7 @@ not violated known to hold."""
 _VERSION = 1  # of the keys: raise it when a change of the code may change a result
 _HEAP_MB = 2000
 _BATCH = 48
-_BATCH_STATES = 600_000
+_BATCH_STATES = 1_000_000
 _BATCH_TEMPORAL = 4  # TLC stops at the first violation, and the rest of the batch runs again
 _SHORT_STATES = 40_000
 _AT = re.compile(r"^/\\ mut = (\d+)$", re.MULTILINE)
@@ -271,24 +271,69 @@ class Matrix:
                 self._cells.put(todo.pop(n), cell)
                 _enter(rows[n], unit, cell)
             told(len(todo))
-            with ThreadPoolExecutor(max_workers=jobs) as pool:
-                futures = [
-                    pool.submit(self._batch, unit, {n: rows[n] for n in batch}, todo)
-                    for batch in self._batches(unit, {n: rows[n].mutant for n in todo})
-                ]
-                try:
-                    for future in as_completed(futures):
-                        for n, cell in future.result().items():
-                            _enter(rows[n], unit, cell)
-                            del todo[n]
-                        told(len(todo))
-                except BaseException:
-                    self.stop.now()
-                    pool.shutdown(cancel_futures=True)
-                    raise
+
+            def keep(found: Mapping[int, Cell]) -> None:
+                for n, cell in found.items():
+                    self._cells.put(todo.pop(n), cell)
+                    _enter(rows[n], unit, cell)
+                told(len(todo))
+
+            def clean(found: Mapping[int, Cell]) -> None:
+                """A cell without kills and with a verdict holds for each property by itself."""
+                kept = {n: c for n, c in found.items() if not c.kills and c.end != "time"}
+                for n, cell in kept.items():
+                    for other in alike[1:]:
+                        self._cells.put(self.key(other, rows[n].mutant, rows[n].kills), cell)
+                keep(kept)
+
+            alike = self._alike(unit)
+            if len(alike) > 1:
+                names = tuple({name: 0 for other in alike for name in other.checks.temporal})
+                joint = replace(unit, checks=replace(unit.checks, temporal=names))
+                self._explore(joint, {n: rows[n] for n in todo}, jobs, clean)
+            self._explore(unit, {n: rows[n] for n in todo}, jobs, keep)
         except (KeyboardInterrupt, _Stopped):
             return False
         return True
+
+    def _alike(self, unit: _Unit) -> list[_Unit]:
+        """It, and the later units that check another temporal property of the same behaviour."""
+
+        def explored(one: _Unit) -> tuple[str, ...]:
+            c = one.checks
+            rest = " ".join(_COMMENT.sub("", c.rest).split())
+            return c.module, rest, c.init, c.next, c.variables, c.fairness, c.view
+
+        if not unit.checks.temporal:
+            return [unit]
+        later = self.units[self.units.index(unit) :]
+        return [one for one in later if one.checks.temporal and explored(one) == explored(unit)]
+
+    def _explore(
+        self,
+        unit: _Unit,
+        rows: Mapping[int, Row],
+        jobs: int,
+        keep: Callable[[Mapping[int, Cell]], None],
+    ) -> None:
+        """Explore the mutants in batches, and keep the cells of each."""
+        with ThreadPoolExecutor(max_workers=jobs) as pool:
+            futures = [
+                pool.submit(
+                    self._explored,
+                    unit,
+                    {n: rows[n].mutant for n in batch},
+                    {n: set(rows[n].kills) for n in batch},
+                )
+                for batch in self._batches(unit, {n: row.mutant for n, row in rows.items()})
+            ]
+            try:
+                for future in as_completed(futures):
+                    keep(future.result())
+            except BaseException:
+                self.stop.now()
+                pool.shutdown(cancel_futures=True)
+                raise
 
     def _spared(self, row: Row) -> bool:
         """Whether a property that is not temporal kills it, and the run is sparing."""
@@ -296,7 +341,8 @@ class Matrix:
 
     def _batches(self, unit: _Unit, wanted: Mapping[int, Mutant]) -> list[list[int]]:
         """The mutants in the order of the text; alone, those that change the alphabet."""
-        states = unit.model.states or 1
+        share = unit.distinct_states / (unit.model.distinct_states or 1)
+        states = round((unit.model.states or 1) * share) or 1
         size = max(4, min(_BATCH, _BATCH_STATES // states))
         size = _BATCH_TEMPORAL if unit.checks.temporal else size
         fixed = self._fixed_in(unit)
@@ -347,15 +393,6 @@ class Matrix:
             self._cells.put(key, cell)
         if cell != Cell((), "finished"):
             raise MutationError(f"{unit.name} is not as expected without a mutant: {cell}")
-
-    def _batch(
-        self, unit: _Unit, rows: Mapping[int, Row], keys: Mapping[int, str]
-    ) -> dict[int, Cell]:
-        known = {n: set(row.kills) for n, row in rows.items()}
-        found = self._explored(unit, {n: row.mutant for n, row in rows.items()}, known)
-        for n, cell in found.items():
-            self._cells.put(keys[n], cell)
-        return found
 
     def _explored(
         self,
