@@ -9,15 +9,19 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cli_stage import automcm
 
+from automcm_conformance.suite import purposes
+from automcm_conformance.suite.purposes import Purpose
 from automcm_maintenance.code_mutation import (
     certificate,
     certificate_page,
     equivalence,
     source_mutants,
+    suite_kills,
 )
 from automcm_maintenance.code_mutation.certificate import Asked, Certificate, Row
 from automcm_maintenance.code_mutation.equivalence import Difference
@@ -31,6 +35,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
     path_of,
     sample,
 )
+from automcm_maintenance.code_mutation.suite_kills import Kills
 
 TIGHT = (("tight", 0),)
 
@@ -185,6 +190,29 @@ def test_a_mutant_that_ends_the_first_look_goes_to_the_suite(
     monkeypatch.setattr(equivalence, "differs", ended)
     mutant = changed("station", "return min(armed(", "return max(armed(")
     assert certificate._first_look(mutant, tmp_path, Asked(tmp_path)) == set()
+
+
+@pytest.mark.parametrize(
+    ("quick", "parts"), [(False, [(1, False), (0, True), (0, False)]), (True, [(0, True)])]
+)
+def test_what_is_run_until_a_case_fails(
+    quick: bool, parts: list[tuple[int, bool]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """First the likely cases (1), then the quick part of all (0), then all; or that part alone."""
+    ran: list[tuple[int, bool]] = []
+
+    def kills(
+        command: object, graphs: object, part: list[Purpose], *_: object, **how: Any
+    ) -> Kills:
+        ran.append((int(len(part) < len(purposes.load())), how["quick"]))
+        return Kills()
+
+    monkeypatch.setattr(suite_kills, "kills", kills)
+    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
+    certificate.killed(["no"], Asked(tmp_path, quick=quick), tmp_path, ["ACT-3"])
+    assert ran == parts
+    kept = certificate.suite_hash(Asked(tmp_path, quick=quick))
+    assert (kept == certificate.suite_hash(Asked(tmp_path))) is not quick
 
 
 def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:

@@ -50,13 +50,15 @@ UNTIL_S = 1_800.0
 @dataclass(frozen=True)
 class Asked:
     """The settings of a run.  A mutant's run stops after ``cases`` failed cases (0 = never).
-    ``selectors`` select a part of the suite (all without any)."""
+    ``selectors`` select a part of the suite (all without any), ``quick`` that of ``conform run
+    --quick``."""
 
     folder: Path
     seed: int = 1
     cases: int = 3
     selectors: tuple[str, ...] = ()
     jobs: int = 2
+    quick: bool = False
     walks: tuple[tuple[str, int], ...] = WALKS
 
 
@@ -225,14 +227,15 @@ def _looked_at(asked: Asked) -> list[tuple[str, int]]:
 
 def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
     """Hold the suite against one station: first the cases that ``first`` selects, then the quick
-    part of all cases; the whole suite only if none of these fails."""
+    part of all cases; the whole suite only if none of these fails.  Only the quick part, if asked.
+    """
     chosen = purposes.select(purposes.load(), asked.selectors)
     likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
     likely = likely if asked.cases else []
     found = Kills()
     parts = [(likely, False)] if likely else []
     parts += [(chosen, True)] if asked.cases else []
-    for part, quick in [*parts, (chosen, False)]:
+    for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
         found = suite_kills.kills(
             command,
             _Worker.graphs,
@@ -415,7 +418,8 @@ class _Kept:
 
 def suite_hash(asked: Asked) -> str:
     """A hash of all that a verdict depends on, except the mutant."""
-    found = hashlib.sha256(f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}".encode())
+    of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}"
+    found = hashlib.sha256((of + " quick" * asked.quick).encode())
     folders = (Path(automcm_conformance.__path__[0]), REFERENCE, SPECIFICATION, SUITE)
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".toml")):

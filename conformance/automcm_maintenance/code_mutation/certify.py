@@ -41,6 +41,9 @@ def certify(
             help="Only this part of the suite; a selector as in conform run.  Repeatable."
         ),
     ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the part of the suite of conform run --quick.")
+    ] = False,
     station: Annotated[str, typer.Option(help="Mutate reference, cpp or all.")] = "reference",
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/certificate"),
     jobs: Annotated[
@@ -65,12 +68,12 @@ def certify(
 
     if station not in STATIONS:
         raise typer.BadParameter(f"--station must be one of {', '.join(STATIONS)}, not {station!r}")
-    if page and (mutant or class_ or suite):
+    if page and (mutant or class_ or suite or quick):
         raise typer.BadParameter(
-            "--page requires a complete certificate: omit --mutant, --class and --suite"
+            "--page requires a complete certificate: omit --mutant, --class, --suite and --quick"
         )
     purposes_of(suite or [])
-    asked = Asked(out, seed, cases, tuple(suite or ()), jobs)
+    asked = Asked(out, seed, cases, tuple(suite or ()), jobs, quick)
     with code_3("certify", OracleError, WalkError, OSError, SyntaxError, ValueError):
         made, chosen = _chosen(station, mutant, class_, mutants, seed)
         if list_:
