@@ -388,20 +388,20 @@ def test_a_violation_without_a_mutant_ends_the_run(
         of(folder).run(FOUR, 1, quiet)
 
 
-def test_a_smaller_model_has_its_own_number_of_states(
+def test_a_changed_model_has_its_own_number_of_states(
     folder: Path, pretend: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (folder / "count.cfg").write_text("CONSTANTS\n  Top = 9\n" + CFG.partition("\n")[2])
-    smaller = matrix.Smaller({"Top": "5"}, 4)
-    monkeypatch.setattr(matrix, "SMALLER", {"count": smaller})
+    changed = matrix.Changed({"Top": "5"}, 4)
+    monkeypatch.setattr(matrix, "CHANGED", {"count": changed})
     [unit] = of(folder).units
     assert "  Top = 5\n" in unit.checks.rest
     pretend(lambda numbers, say: None)
     assert of(folder).run(FOUR, 1, quiet)[1]
-    monkeypatch.setattr(matrix, "SMALLER", {"count": replace(smaller, distinct_states=5)})
+    monkeypatch.setattr(matrix, "CHANGED", {"count": replace(changed, distinct_states=5)})
     with pytest.raises(MutationError, match="count without a mutant has 4 states, not 5"):
         of(folder).run(FOUR, 1, quiet)
-    monkeypatch.setattr(matrix, "SMALLER", {"count": matrix.Smaller({"Bottom": "5"}, 4)})
+    monkeypatch.setattr(matrix, "CHANGED", {"count": matrix.Changed({"Bottom": "5"}, 4)})
     with pytest.raises(MutationError, match="no constant Bottom"):
         of(folder)
 
@@ -426,7 +426,7 @@ def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
 
 # The page
 
-HEAD = Head(models=["count"], smaller={"count": {"Top": "5"}}, states=3)
+HEAD = Head(models=["count"], changed={"count": {"Top": "5"}}, states=3)
 KILLED = Entry(id="Station.Step.x.1", change="a  =>  b", kills={"S-1": "count"}, unfinished={})
 SEEN = Entry(id="Station.Step.x.2", change="c  =>  d", kills={"oracle": "count"}, unfinished={})
 ALIVE = Entry(id="Station.Same.x.3", change="e  =>  f", kills={}, unfinished={"count": "error"})
@@ -437,7 +437,7 @@ def test_the_page_counts_and_lists() -> None:
     text = matrix_page.section(HEAD, entries, {SEEN.id: "Only an answer.", ALIVE.id: "Nothing."})
     assert "| definition | mutants | S-1 | oracle | error | none |" in text
     assert "| `Step` | 2 | 1 | 1 |  | 1 |" in text and "| `Same` | 1 |  |  | 1 | 1 |" in text
-    assert "each property by itself (`count` with `Top = 5`, so that" in text
+    assert "each property by itself (`count` with `Top = 5`)" in text
     assert "left out" not in text
     left = KILLED.model_copy(update={"unfinished": {"lively": "left"}})
     assert "1 explorations were left out" in matrix_page.section(HEAD, [left], {})

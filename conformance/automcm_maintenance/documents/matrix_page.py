@@ -33,11 +33,11 @@ class _Row(BaseModel):
 
 
 class Head(_Row):
-    """models ran in this order, some with smaller constants; a mutant was explored up to ``states``
+    """models ran in this order, some with changed constants; a mutant was explored up to ``states``
     times a model's states."""
 
     models: list[str]
-    smaller: dict[str, dict[str, str]]
+    changed: dict[str, dict[str, str]]
     states: int
 
 
@@ -141,7 +141,7 @@ def section(head: Head, entries: Sequence[Entry], known: Mapping[str, str]) -> s
     alive = [entry for entry in entries if not entry.properties]
     lines = [
         f"The models {', '.join(f'`{name}`' for name in head.models)} were run on all "
-        f"{len(entries)} mutants of Station, each property by itself{_smaller(head)}.  A mutant "
+        f"{len(entries)} mutants of Station, each property by itself{_changed(head)}.  A mutant "
         "counts in the column of every property that it violates; `matrix.jsonl` names the models.",
         "",
         markdown_table(heads, rows),
@@ -177,13 +177,13 @@ def _counts(entries: Sequence[Entry], columns: Sequence[str]) -> list[object]:
     return [len(entries), *(killed[id_] or "" for id_ in columns), errors or "", none or ""]
 
 
-def _smaller(head: Head) -> str:
-    """The models that are smaller than under their name."""
+def _changed(head: Head) -> str:
+    """The models that ran with other constants."""
     each = [
         f"`{name}` with {' and '.join(f'`{k} = {v}`' for k, v in constants.items())}"
-        for name, constants in head.smaller.items()
+        for name, constants in head.changed.items()
     ]
-    return f" ({', '.join(each)}, so that hundreds of mutants can run in them)" if each else ""
+    return f" ({', '.join(each)})" if each else ""
 
 
 def _unfinished(head: Head, entries: Sequence[Entry]) -> str:

@@ -75,8 +75,8 @@ def run(
     problems = []
     if complete and not (cfgs or only or limit):
         problems = matrix_page.problems(entries, matrix_page.reasons())
-    smaller = {name: dict(s.constants) for name, s in matrix.SMALLER.items() if name in names}
-    head = Head(models=names, smaller=smaller, states=matrix.STATES)
+    changed = {name: dict(c.constants) for name, c in matrix.CHANGED.items() if name in names}
+    head = Head(models=names, changed=changed, states=matrix.STATES)
     return Report(head, entries, complete, problems)
 
 
