@@ -199,7 +199,6 @@ class Matrix:
         self._source = self._texts[module].encode()
         self._spans = mutants.definitions(self._source)
         self.units = [unit for model in chosen for unit in self._of(model, models_dir)]
-        self._temporal = {id_of(name) for unit in self.units for name in unit.checks.temporal}
         self._fixed = _reached(_ALPHABET, "\n".join(map(self._texts.__getitem__, self._texts)))
 
     def _of(self, model: Model, models_dir: Path) -> list[_Unit]:
@@ -339,8 +338,8 @@ class Matrix:
                 raise
 
     def _spared(self, row: Row) -> bool:
-        """Whether a property that is not temporal kills it, and the run is sparing."""
-        return self._sparing and bool(set(row.kills) - self._temporal - {matrix_modules.ORACLE})
+        """Whether a property kills it, and the run is sparing."""
+        return self._sparing and bool(set(row.kills) - {matrix_modules.ORACLE})
 
     def _batches(self, unit: _Unit, wanted: Mapping[int, Mutant]) -> list[list[int]]:
         """The mutants in the order of the text; alone, those that change the alphabet."""
