@@ -57,9 +57,10 @@ def test_the_ways_cross_on_both_of_them() -> None:
         assert abs(float(found.d[0])) < 0.05 and 0 < float(found.s[0]) < line.length
 
 
-def test_a_road_needs_a_speed_limit(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tag", ["", '<tag k="speed_limit" v="fast" />'])
+def test_a_road_needs_a_speed_limit(tag: str, tmp_path: Path) -> None:
     path = tmp_path / "town.osm"
-    path.write_text(TOWN.read_text().replace('<tag k="speed_limit" v="50" />', ""))
+    path.write_text(TOWN.read_text().replace('<tag k="speed_limit" v="50" />', tag))
     with pytest.raises(TrafficError, match=r"town\.osm: lane 10 has no speed_limit, km/h"):
         lanelet_network.write(path, tmp_path)
 

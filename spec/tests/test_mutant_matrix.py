@@ -502,8 +502,11 @@ def test_the_committed_reasons_fit_the_committed_matrix() -> None:
     ],
 )
 def test_the_command_refuses(options: list[str]) -> None:
-    assert CliRunner().invoke(app, ["spec", "mutate", "--sparing"]).exit_code == 2
     assert CliRunner().invoke(app, ["spec", "mutate", "--matrix", *options]).exit_code == 2
+
+
+def test_only_the_matrix_can_be_sparing() -> None:
+    assert CliRunner().invoke(app, ["spec", "mutate", "--sparing"]).exit_code == 2
 
 
 def test_the_command_reports(monkeypatch: pytest.MonkeyPatch) -> None:

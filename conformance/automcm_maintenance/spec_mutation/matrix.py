@@ -290,7 +290,9 @@ class Matrix:
 
             alike = self._alike(unit)
             if len(alike) > 1:
-                names = tuple({name: 0 for other in alike for name in other.checks.temporal})
+                names = tuple(
+                    dict.fromkeys(name for other in alike for name in other.checks.temporal)
+                )
                 joint = replace(unit, checks=replace(unit.checks, temporal=names))
                 self._explore(joint, {n: rows[n] for n in todo}, jobs, clean)
             self._explore(unit, {n: rows[n] for n in todo}, jobs, keep)

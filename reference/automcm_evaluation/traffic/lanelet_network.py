@@ -20,7 +20,6 @@ from automcm_evaluation.traffic.mover import TrafficError
 
 ORIGIN = 49.0, 8.4
 """Of the maps in ``networks``: latitude and longitude of x = 0 and y = 0."""
-KM_H = 3.6
 DIRECTION, SPEED = "turn_direction", "speed_limit"
 
 
@@ -36,13 +35,15 @@ def lane_map(path: Path) -> LaneMap:
 def write(path: Path, folder: Path) -> None:
     """The map as plain XML for netconvert, with the name of the map.  Raises TrafficError."""
     lanes = lane_map(path)
-    roads = [lane for lane in lanes.lanes() if lanes.tag(lane, DIRECTION) is None]
-    turns = [lane for lane in lanes.lanes() if lane not in roads]
-    before = {lane: [road for road in roads if lane in lanes.next(road)] for lane in lanes.lanes()}
-    if lost := [turn for turn in turns if not before[turn] or not lanes.next(turn)]:
+    after = {lane: lanes.next(lane) for lane in lanes.lanes()}
+    roads = [lane for lane in after if lanes.tag(lane, DIRECTION) is None]
+    turns = [lane for lane in after if lane not in roads]
+    before = {lane: [road for road in roads if lane in after[road]] for lane in after}
+    if lost := [turn for turn in turns if not before[turn] or not after[turn]]:
         raise TrafficError(f"{path}: the lanelets {lost} connect no others")
-    over = [(a, b) for t in turns for a in before[t] for b in lanes.next(t)]
-    ends = _joined(roads, over + [(a, b) for b in roads for a in before[b]])
+    over = [(a, turn, b) for turn in turns for a in before[turn] for b in after[turn]]
+    direct = [(a, b) for b in roads for a in before[b]]
+    ends = _joined(roads, [(a, b) for a, _, b in over] + direct)
     nodes, edges, connections = Element("nodes"), Element("edges"), Element("connections")
     for places in sorted({id(group): group for group in ends.values()}.values(), key=min):
         middle = np.mean([_middle(lanes, lane)[at] for lane, at in places], axis=0)
@@ -50,25 +51,24 @@ def write(path: Path, folder: Path) -> None:
         x, y = (f"{value:.3f}" for value in middle)
         SubElement(nodes, "node", id=_name(places), x=x, y=y, type=kind)
     for road in roads:
-        limit = lanes.tag(road, SPEED)
-        if limit is None:
-            raise TrafficError(f"{path}: lane {road} has no {SPEED}, km/h")
+        try:
+            speed = float(lanes.tag(road, SPEED) or "") / 3.6
+        except ValueError:
+            raise TrafficError(f"{path}: lane {road} has no {SPEED}, km/h") from None
         SubElement(
             edges,
             "edge",
             {"from": _name(ends[road, 0]), "to": _name(ends[road, -1])},
             id=str(road),
             numLanes="1",
-            speed=f"{float(limit) / KM_H:.3f}",
+            speed=f"{speed:.3f}",
             width=str(LANE_WIDTH),
             spreadType="center",
             shape=_shape(lanes, road),
         )
-    for turn in turns:
-        for a in before[turn]:
-            for b in lanes.next(turn):
-                ways = {"from": str(a), "to": str(b), "fromLane": "0", "toLane": "0"}
-                SubElement(connections, "connection", ways, shape=_shape(lanes, turn))
+    for a, turn, b in over:
+        ways = {"from": str(a), "to": str(b), "fromLane": "0", "toLane": "0"}
+        SubElement(connections, "connection", ways, shape=_shape(lanes, turn))
     for ending, root in {"nod": nodes, "edg": edges, "con": connections}.items():
         ElementTree(root).write(folder / f"{path.stem}.{ending}.xml", encoding="unicode")
 
@@ -96,4 +96,7 @@ def _shape(lanes: LaneMap, lane: int) -> str:
 
 def _middle(lanes: LaneMap, lane: int) -> Floats:
     """The points of its centre line, also where it bends as sharply as a lane can."""
-    return lanes.line([lane], reach=LANE_WIDTH / 2).xy
+    try:
+        return lanes.line([lane], reach=LANE_WIDTH / 2).xy
+    except MapError as error:
+        raise TrafficError(str(error)) from None
