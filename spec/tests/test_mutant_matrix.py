@@ -50,6 +50,9 @@ SlowProp ==
       \/ n' <= n + 1 ]_vars
 BackProp == n = 3 ~> n = 0
 HomeProp == n = 2 ~> n = 0
+HeldProp ==
+  /\ BackProp
+  /\ [](n < 5)
 ====
 """
 CFG = "CONSTANT Top = 9\nSPECIFICATION Spec\nINVARIANTS Small Even\nPROPERTY SlowProp\n"
@@ -100,6 +103,16 @@ def test_the_specification_and_its_properties_are_read(folder: Path) -> None:
     ]
     lively = matrix_modules.checks("Counter", (folder / "lively.cfg").read_text(), texts)
     assert lively.temporal == ("BackProp",) and "WF_vars(Next)" in lively.fairness
+
+
+def test_temporal_properties_that_have_a_safety_part_are_known() -> None:
+    texts = {path.stem: path.read_text() for path in TLA.glob("*.tla")}
+    parts = {}
+    for name in ("promise_kept", "completes", "silence", "ends"):
+        cfg = (MODELS / f"{name}.cfg").read_text()
+        parts |= matrix_modules.checks("Liveness", cfg, texts).parts
+    refines = ("Fulfilled!Init", " Fulfilled!Next \\/ Fulfilled!vars' = Fulfilled!vars")
+    assert parts == {"FulfilledProp": refines, "CompletesProp": ("~fallback", "  (~fallback)'")}
 
 
 def test_every_model_of_the_matrix_can_be_read_and_every_property_is_a_column() -> None:
@@ -233,6 +246,29 @@ def test_temporal_properties_of_the_same_behaviour_are_explored_together_first(
         (1, "BackProp"),
         (1, "HomeProp"),
     ]
+
+
+@pytest.mark.slow
+def test_the_safety_of_a_temporal_property_is_checked_before_all_of_it(folder: Path) -> None:
+    (folder / "held.cfg").write_text(
+        "CONSTANT Top = 9\nSPECIFICATION FairSpec\nPROPERTY HeldProp\n"
+    )
+    high = by_change(folder)[HIGHER]
+    jumps = made(3, b"THEN x + 1", b"THEN IF x = 2 THEN 7 ELSE x + 1")
+    stays = made(4, b"ELSE 0", b"ELSE x")
+    found = of(folder, tiny("held", module="Counter"))
+    asked: list[tuple[bool, int]] = []
+    explored = found._explored
+
+    def told(unit: Any, batch: Any, known: Any) -> Any:
+        if list(batch) != [matrix_modules.ORIGINAL]:
+            asked.append((bool(unit.checks.temporal), len(batch)))
+        return explored(unit, batch, known)
+
+    found._explored = told  # type: ignore[method-assign]
+    rows, complete = found.run([high, jumps, stays], 1, quiet)
+    assert complete and [sorted(row.kills) for row in rows] == [[], ["HeldProp"], ["HeldProp"]]
+    assert asked == [(False, 3), (True, 2)]
 
 
 # Without TLC
@@ -416,6 +452,16 @@ def test_a_sparing_run_leaves_temporal_properties_out_that_another_makes_dispens
     rows, complete = Matrix((COUNT, LIVELY), folder, folder, sparing=True).run(FOUR, 1, quiet)
     assert complete and ran == [[1, 2, 3, 4], [2, 3, 4]]
     assert [row.unfinished for row in rows] == [{"lively BackProp": "left"}, {}, {}, {}]
+
+
+def test_a_sparing_run_uses_what_an_earlier_run_has_found(folder: Path, pretend: Any) -> None:
+    ran = pretend(lambda numbers, say: say(1, "Small"))
+    cells = folder / "cells.jsonl"
+    of(folder, COUNT, LIVELY, cells=cells).run(FOUR, 1, quiet)
+    ran.clear()
+    spares = Matrix((COUNT, LIVELY), folder, folder, cells, sparing=True)
+    rows, complete = spares.run(FOUR, 1, quiet)
+    assert complete and ran == [] and [row.unfinished for row in rows] == [{}] * 4
 
 
 def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:

@@ -100,7 +100,7 @@ _VERSION = 1  # of the keys: raise it when a change of the code may change a res
 _HEAP_MB = 2000
 _BATCH = 48
 _BATCH_STATES = 1_000_000
-_BATCH_TEMPORAL = 4  # TLC stops at the first violation, and the rest of the batch runs again
+_BATCH_TEMPORAL = 6  # TLC stops at the first violation, and the rest of the batch runs again
 _SHORT_STATES = 40_000
 _AT = re.compile(r"^/\\ mut = (\d+)$", re.MULTILINE)
 _COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
@@ -129,7 +129,7 @@ class Row:
 
 @dataclass(frozen=True)
 class _Unit:
-    """What one run checks: a model, or one temporal property of it."""
+    """What one run checks: a model, one temporal property of it, or the safety of that."""
 
     model: Model
     checks: Checks
@@ -213,11 +213,8 @@ class Matrix:
         read = models.extended(model.module, self._texts, instances=True) - {self._module}
         rest = [_COMMENT.sub("", self._texts[name]) for name in sorted(read)]
         source = "\0".join([cfg, *rest, toolchain.SHA256, str((_VERSION, STATES))])
-        each: list[tuple[str, ...]] = [(name,) for name in checks.temporal] or [()]
-        return [
-            _Unit(model, replace(checks, temporal=names), source, changed.distinct_states)
-            for names in each
-        ]
+        each = [one for name in checks.temporal for one in _halves(checks, name)] or [checks]
+        return [_Unit(model, one, source, changed.distinct_states) for one in each]
 
     def key(self, unit: _Unit, mutant: Mutant | None, known: Collection[str]) -> str:
         """The hash of all that a cell depends on."""
@@ -254,14 +251,13 @@ class Matrix:
             row.models += 1
             if "error" in row.unfinished.values() or all(id_ in row.kills for id_ in ids):
                 continue
-            if unit.checks.temporal and self._spared(row):
-                row.unfinished[unit.name] = "left"
-                continue
             key = self.key(unit, row.mutant, row.kills)
-            if (cell := self._cells.get(key)) is None:
-                todo[n] = key
-            else:
+            if (cell := self._cells.get(key)) is not None:
                 _enter(row, unit, cell)
+            elif unit.checks.temporal and self._spared(row):
+                row.unfinished[unit.name] = "left"
+            else:
+                todo[n] = key
         told(len(todo))
         if not todo:
             return True
@@ -280,25 +276,42 @@ class Matrix:
                     _enter(rows[n], unit, cell)
                 told(len(todo))
 
-            def clean(found: Mapping[int, Cell]) -> None:
-                """A cell without kills and with a verdict holds for each property by itself."""
-                kept = {n: c for n, c in found.items() if not c.kills and c.end != "time"}
-                for n, cell in kept.items():
-                    for other in alike[1:]:
-                        self._cells.put(self.key(other, rows[n].mutant, rows[n].kills), cell)
-                keep(kept)
-
-            alike = self._alike(unit)
-            if len(alike) > 1:
-                names = tuple(
-                    dict.fromkeys(name for other in alike for name in other.checks.temporal)
-                )
-                joint = replace(unit, checks=replace(unit.checks, temporal=names))
-                self._explore(joint, {n: rows[n] for n in todo}, jobs, clean)
-            self._explore(unit, {n: rows[n] for n in todo}, jobs, keep)
+            if len(alike := self._alike(unit)) > 1:
+                self._together(alike, rows, todo, jobs, keep)
+                self._explore(unit, {n: rows[n] for n in todo}, jobs, keep, alone=True)
+            else:
+                self._explore(unit, {n: rows[n] for n in todo}, jobs, keep)
         except (KeyboardInterrupt, _Stopped):
             return False
         return True
+
+    def _together(
+        self,
+        alike: Sequence[_Unit],
+        rows: Mapping[int, Row],
+        todo: Mapping[int, str],
+        jobs: int,
+        keep: Callable[[Mapping[int, Cell]], None],
+    ) -> None:
+        """Explore temporal properties of the same behaviour in one run.
+
+        A mutant that violates none has its cells; of another, this does not say which it violates.
+        """
+        names = tuple(dict.fromkeys(name for unit in alike for name in unit.checks.temporal))
+        joint = replace(alike[0], checks=replace(alike[0].checks, temporal=names))
+        keys = {n: self.key(joint, rows[n].mutant, rows[n].kills) for n in todo}
+
+        def clean(found: Mapping[int, Cell]) -> None:
+            holds = {n: c for n, c in found.items() if not c.kills and c.end != "time"}
+            for n in found.keys() - holds.keys():
+                self._cells.put(keys[n], found[n])
+            for n, cell in holds.items():
+                for other in alike[1:]:
+                    self._cells.put(self.key(other, rows[n].mutant, rows[n].kills), cell)
+            keep(holds)
+
+        new = {n: rows[n] for n in todo if self._cells.get(keys[n]) is None}
+        self._explore(joint, new, jobs, clean)
 
     def _alike(self, unit: _Unit) -> list[_Unit]:
         """It, and the later units that check another temporal property of the same behaviour."""
@@ -319,8 +332,11 @@ class Matrix:
         rows: Mapping[int, Row],
         jobs: int,
         keep: Callable[[Mapping[int, Cell]], None],
+        alone: bool = False,
     ) -> None:
-        """Explore the mutants in batches, and keep the cells of each."""
+        """Explore the mutants in batches, or each alone, and keep the cells of each."""
+        wanted = {n: row.mutant for n, row in rows.items()}
+        batches = [[n] for n in wanted] if alone else self._batches(unit, wanted)
         with ThreadPoolExecutor(max_workers=jobs) as pool:
             futures = [
                 pool.submit(
@@ -329,7 +345,7 @@ class Matrix:
                     {n: rows[n].mutant for n in batch},
                     {n: set(rows[n].kills) for n in batch},
                 )
-                for batch in self._batches(unit, {n: row.mutant for n, row in rows.items()})
+                for batch in batches
             ]
             try:
                 for future in as_completed(futures):
@@ -517,7 +533,8 @@ class Matrix:
                 timeout_s=120 + 6 * unit.model.seconds * len(numbers),
                 on_print=read,
                 stop=self.stop,
-                short=len(numbers) * (unit.model.states or 1) < _SHORT_STATES,
+                short=not unit.checks.temporal
+                and len(numbers) * (unit.model.states or 1) < _SHORT_STATES,
             )
 
     def _check(self, error: tlc.TlcError) -> None:
@@ -542,6 +559,15 @@ class Matrix:
 def id_of(name: str) -> str:
     """The id of a property, or its name if it has none."""
     return PROPERTY_IDS.get(name, name)
+
+
+def _halves(checks: Checks, name: str) -> list[Checks]:
+    """A temporal property: first its safety, of which TLC checks many mutants at once."""
+    whole = replace(checks, temporal=(name,))
+    if name not in checks.parts:
+        return [whole]
+    entry, step = checks.parts[name]
+    return [replace(checks, temporal=(), steps={name: step}, entries={name: entry}), whole]
 
 
 def _enter(row: Row, unit: _Unit, cell: Cell) -> None:

@@ -39,6 +39,7 @@ _COMPARED = 100_000  # the first register of the mutants that differ
 _HEAD = re.compile(rb"(\w+)(\([^)]*\))?\s*==")
 _STEPS = re.compile(r"(.*?)/\\\s*\[\]\[(.+?)\]_(\w+|<<.*?>>)\s*(/\\.*)?", re.DOTALL)
 _BOX = re.compile(r"(\s*)\[\]\[(.*)\]_(\w+|<<[^>]*>>)\s*", re.DOTALL)
+_ALWAYS = re.compile(r"/\\\s*\[\]\(([^()]*)\)")
 _OF_INSTANCE = re.compile(r"\s*(\w+)!(\w+)\s*")
 _LINE = re.compile(r'"<<\\"MUTANT\\", (\d+), \\"(\w+)\\">>"')
 
@@ -59,7 +60,8 @@ class Checks:
 
     rest is its cfg without specification, view and checks.  view lists what distinguishes two
     states.  steps are the bodies of action properties by name, with the text of the definition from
-    which they come; entries are what must hold at the start.
+    which they come; entries are what must hold at the start.  parts are the safety of temporal
+    properties: what must hold at the start, and at each step.
     """
 
     module: str
@@ -74,6 +76,7 @@ class Checks:
     steps: Mapping[str, str]
     entries: Mapping[str, str]
     temporal: tuple[str, ...]
+    parts: Mapping[str, tuple[str, str]]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,13 +96,14 @@ def checks(module: str, cfg: str, texts: Mapping[str, str], *, compared: bool = 
     rest, view = _taken(rest, "VIEW")
     if specification is None:
         raise Unsupported("the cfg must name a SPECIFICATION")
-    parts = _STEPS.fullmatch(" ".join(_definition(whole, specification).split()))
-    if parts is None:
+    formula = _STEPS.fullmatch(" ".join(_definition(whole, specification).split()))
+    if formula is None:
         raise Unsupported(f"{specification} is not Init /\\ [][Next]_vars")
-    init, next_, variables, fairness = parts.groups()
+    init, next_, variables, fairness = formula.groups()
     steps: dict[str, str] = {}
     entries: dict[str, str] = {}
     temporal: list[str] = []
+    parts: dict[str, tuple[str, str]] = {}
     for word, name in listed:
         if not word.startswith("PROPERT"):
             continue
@@ -111,6 +115,8 @@ def checks(module: str, cfg: str, texts: Mapping[str, str], *, compared: bool = 
             entries[name], steps[name] = instance
         else:
             temporal.append(name)
+            if (part := _part(body, whole, texts)) is not None:
+                parts[name] = part
     if compared:
         steps[ORACLE] = _ANSWERS
     invariants = tuple(name for word, name in listed if word.startswith("INVARIANT"))
@@ -118,7 +124,7 @@ def checks(module: str, cfg: str, texts: Mapping[str, str], *, compared: bool = 
         raise Unsupported("temporal properties are checked apart from the others")
     return Checks(
         module, rest, init.strip(), next_, variables, fairness or "", view or variables,
-        compared, invariants, steps, entries, tuple(temporal),
+        compared, invariants, steps, entries, tuple(temporal), parts,
     )  # fmt: skip
 
 
@@ -150,6 +156,19 @@ def _safety(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] 
         return None
     start, next_, variables = (f"{instance}!{part.strip()}" for part in parts.groups()[:3])
     return start, f" {next_} \\/ {variables}' = {variables}"
+
+
+def _part(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] | None:
+    """The safety of a temporal property: of ``Instance!Spec`` the conjunct that is such a
+    specification, of other conjunctions ``[](P)``."""
+    if found := _OF_INSTANCE.fullmatch(body):
+        of = re.search(rf"^{found[1]}\s*==\s*INSTANCE\s+(\w+)", whole, re.MULTILINE)
+        if of is None or of[1] not in texts:
+            return None
+        conjuncts = re.findall(r"\w+", _definition(texts[of[1]], found[2]))
+        return _safety(f"{found[1]}!{conjuncts[0]}", whole, texts)
+    always = _ALWAYS.search(body)
+    return None if always is None else (always[1], f"  ({always[1]})'")
 
 
 def station(
