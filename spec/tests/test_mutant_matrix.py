@@ -115,6 +115,20 @@ def test_temporal_properties_that_have_a_safety_part_are_known() -> None:
     assert parts == {"FulfilledProp": refines, "CompletesProp": ("~fallback", "  (~fallback)'")}
 
 
+@pytest.mark.parametrize(
+    ("body", "part"),
+    [
+        ("\n  /\\ [](n < 5)\n", "n < 5"),
+        ("\n  /\\ BackProp\n  /\\ [](n < 5)\n  /\\ HomeProp\n", "n < 5"),
+        ("\n  \\/ BackProp\n  \\/ /\\ HomeProp\n     /\\ [](n < 5)\n", None),
+        ("\n  HomeProp => /\\ [](n < 5)\n", None),
+    ],
+)
+def test_only_a_conjunct_of_the_whole_property_is_its_safety(body: str, part: str | None) -> None:
+    found = matrix_modules._part(body, "", {})
+    assert found == (None if part is None else (part, f"  ({part})'"))
+
+
 def test_every_model_of_the_matrix_can_be_read_and_every_property_is_a_column() -> None:
     loaded = {model.cfg: model for model in models.load()}
     found = Matrix([loaded[name] for name in matrix.CFGS])

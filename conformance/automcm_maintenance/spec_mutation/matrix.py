@@ -264,11 +264,6 @@ class Matrix:
         try:
             self._original(unit)
             seen = self._seen(unit, {n: rows[n].mutant for n in todo})
-            for n in [n for n in todo if n not in seen]:
-                cell = Cell((), "finished")
-                self._cells.put(todo.pop(n), cell)
-                _enter(rows[n], unit, cell)
-            told(len(todo))
 
             def keep(found: Mapping[int, Cell]) -> None:
                 for n, cell in found.items():
@@ -276,11 +271,10 @@ class Matrix:
                     _enter(rows[n], unit, cell)
                 told(len(todo))
 
-            if len(alike := self._alike(unit)) > 1:
+            keep({n: Cell((), "finished") for n in todo if n not in seen})
+            if together := len(alike := self._alike(unit)) > 1:
                 self._together(alike, rows, todo, jobs, keep)
-                self._explore(unit, {n: rows[n] for n in todo}, jobs, keep, alone=True)
-            else:
-                self._explore(unit, {n: rows[n] for n in todo}, jobs, keep)
+            self._explore(unit, {n: rows[n] for n in todo}, jobs, keep, alone=together)
         except (KeyboardInterrupt, _Stopped):
             return False
         return True

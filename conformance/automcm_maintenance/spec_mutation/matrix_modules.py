@@ -39,7 +39,8 @@ _COMPARED = 100_000  # the first register of the mutants that differ
 _HEAD = re.compile(rb"(\w+)(\([^)]*\))?\s*==")
 _STEPS = re.compile(r"(.*?)/\\\s*\[\]\[(.+?)\]_(\w+|<<.*?>>)\s*(/\\.*)?", re.DOTALL)
 _BOX = re.compile(r"(\s*)\[\]\[(.*)\]_(\w+|<<[^>]*>>)\s*", re.DOTALL)
-_ALWAYS = re.compile(r"/\\\s*\[\]\(([^()]*)\)")
+_ALWAYS = re.compile(r"\s*\n( +)/\\ (?:.*\n\1/\\ )?\[\]\(([^()]*)\)\s*(?:\n\1/\\ .*)?", re.DOTALL)
+_FIRST_CONJUNCT = re.compile(r"\s*(\w+)\s*/\\")
 _OF_INSTANCE = re.compile(r"\s*(\w+)!(\w+)\s*")
 _LINE = re.compile(r'"<<\\"MUTANT\\", (\d+), \\"(\w+)\\">>"')
 
@@ -143,15 +144,23 @@ def _definition(text: str, name: str) -> str:
     return re.sub(r"\\\*[^\n]*", "", found[1])
 
 
-def _safety(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] | None:
-    """Of ``Instance!Safe``, where Safe is Init /\\ [][Next]_vars: the start, and the step."""
+def _instance(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] | None:
+    """Of ``Instance!Name`` the instance, and the definition of Name.  Raises Unsupported."""
     if (found := _OF_INSTANCE.fullmatch(body)) is None:
         return None
     instance, name = found.groups()
     of = re.search(rf"^{instance}\s*==\s*INSTANCE\s+(\w+)", whole, re.MULTILINE)
     if of is None or of[1] not in texts:
         raise Unsupported(f"no module defines the instance {instance}")
-    parts = _STEPS.fullmatch(" ".join(_definition(texts[of[1]], name).split()))
+    return instance, _definition(texts[of[1]], name)
+
+
+def _safety(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] | None:
+    """Of ``Instance!Safe``, where Safe is Init /\\ [][Next]_vars: the start, and the step."""
+    if (found := _instance(body, whole, texts)) is None:
+        return None
+    instance, definition = found
+    parts = _STEPS.fullmatch(" ".join(definition.split()))
     if parts is None or parts[4]:
         return None
     start, next_, variables = (f"{instance}!{part.strip()}" for part in parts.groups()[:3])
@@ -159,16 +168,14 @@ def _safety(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] 
 
 
 def _part(body: str, whole: str, texts: Mapping[str, str]) -> tuple[str, str] | None:
-    """The safety of a temporal property: of ``Instance!Spec`` the conjunct that is such a
-    specification, of other conjunctions ``[](P)``."""
-    if found := _OF_INSTANCE.fullmatch(body):
-        of = re.search(rf"^{found[1]}\s*==\s*INSTANCE\s+(\w+)", whole, re.MULTILINE)
-        if of is None or of[1] not in texts:
-            return None
-        conjuncts = re.findall(r"\w+", _definition(texts[of[1]], found[2]))
-        return _safety(f"{found[1]}!{conjuncts[0]}", whole, texts)
-    always = _ALWAYS.search(body)
-    return None if always is None else (always[1], f"  ({always[1]})'")
+    """The safety of a temporal property: of ``Instance!Spec``, where Spec is Safe /\\ ..., that of
+    ``Instance!Safe``; of a list of conjuncts ``[](P)``."""
+    if (found := _instance(body, whole, texts)) is not None:
+        instance, definition = found
+        first = _FIRST_CONJUNCT.match(definition)
+        return None if first is None else _safety(f"{instance}!{first[1]}", whole, texts)
+    always = _ALWAYS.fullmatch(body)
+    return None if always is None else (always[2], f"  ({always[2]})'")
 
 
 def station(
