@@ -289,7 +289,8 @@ class Matrix:
     ) -> None:
         """Explore temporal properties of the same behaviour in one run.
 
-        A mutant that violates none has its cells; of another, this does not say which it violates.
+        The cells of a mutant that violates none are kept.  Of any other, the run does not say which
+        property it violates.
         """
         names = tuple(dict.fromkeys(name for unit in alike for name in unit.checks.temporal))
         joint = replace(alike[0], checks=replace(alike[0].checks, temporal=names))
@@ -556,7 +557,7 @@ def id_of(name: str) -> str:
 
 
 def _halves(checks: Checks, name: str) -> list[Checks]:
-    """A temporal property: first its safety, of which TLC checks many mutants at once."""
+    """The checks of a temporal property: its safety, of many mutants in one run, then the whole."""
     whole = replace(checks, temporal=(name,))
     if name not in checks.parts:
         return [whole]
