@@ -152,10 +152,10 @@ def test_app_6_memory_is_bounded_and_each_station_is_reported_once() -> None:
         for station_id in range(2, 30):
             assert not offsets.heard(station_id, t + 500, t)
     assert told == [(n, (500, 550)) for n in range(2, 12)]
-    assert len(offsets._cams) == 10 and {len(each) for each in offsets._cams.values()} == {1}
-    for t in range(100, 100 + 2 * CAMS):
-        offsets.heard(2, t, t)
-    assert len(offsets._cams[2]) == CAMS
+    assert {len(each) for each in offsets._cams.values()} == {CAMS}
+    offsets.forget(2)
+    assert 2 not in offsets._cams and 2 not in offsets._off_ms
+    assert offsets.heard(2, 100, 100)
     assert in_step((100, 150)) and in_step((-150, -100))
     assert not in_step((101, 151)) and not in_step((-151, -101))
 

@@ -45,6 +45,7 @@ def test_mem_1_the_neighbours_kept_are_those_heard_last_and_not_oneself() -> Non
     assert len(service.neighbours) == NEIGHBOURS
     assert list(service.neighbours)[-2:] == [NEIGHBOURS + 11, 12]
     assert 11 not in service.neighbours and 1 not in service.neighbours
+    assert service._offsets._cams.keys() == set(service.neighbours)
 
 
 def test_end_5_what_is_wrong_is_counted_by_what_is_wrong_with_it() -> None:

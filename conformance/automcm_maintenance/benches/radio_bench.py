@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from automcm.links.radio import Reception
+from automcm.links.radio import Arrival
 from automcm.links.table_radio import TableRadio
 from automcm_evaluation.radio.radio_traffic import STEP_MS, Traffic, positions
 
@@ -63,7 +63,7 @@ class _Table:
         self._radio.move(next(self._places))
         for sender in range(1, self._vehicles + 1):
             self._radio.transmit(sender, SIZE_BYTES, now_ms, sender)
-        return len(self._radio.advance(now_ms + STEP_MS))
+        return _received(self._radio.advance(now_ms + STEP_MS))
 
 
 class _Coins:
@@ -76,12 +76,14 @@ class _Coins:
         """As ``_Table.step``, with as many receptions on average."""
         coin, share = self._random.random, self._share
         found = [
-            Reception(now_ms + 1, sender, receiver)
+            Arrival(now_ms + 1, sender, [r for r in self._ids if r != sender and coin() < share])
             for sender in self._ids
-            for receiver in self._ids
-            if receiver != sender and coin() < share
         ]
-        return len(found)
+        return _received(found)
+
+
+def _received(arrivals: list[Arrival]) -> int:
+    return sum(len(each.receivers) for each in arrivals)
 
 
 def _rate(radio: _Table | _Coins, vehicles: int, seconds: float) -> tuple[float, float]:

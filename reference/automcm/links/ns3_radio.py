@@ -21,7 +21,7 @@ from automcm.links.propagation import (
     TX_DBM,
     Propagation,
 )
-from automcm.links.radio import Reception, Sequence
+from automcm.links.radio import Arrival, Sequence
 from automcm_spec.support.extras import MissingExtra, missing
 
 NOISE_FIGURE_DB = 7.0
@@ -102,7 +102,7 @@ class Ns3Radio:
         below = size_bytes + HEADER_BYTES - LLC_MAC_BYTES
         self._channel.Send(slot, below, now_ms * NS + self._offset_ns[slot], frame)
 
-    def advance(self, until_ms: int) -> list[Reception]:
+    def advance(self, until_ms: int) -> list[Arrival]:
         """As ``Radio.advance``."""
         self._sequence.advanced(until_ms)
         self._channel.Run(until_ms * NS)
@@ -110,12 +110,11 @@ class Ns3Radio:
         if len(arrived):
             self._channel.Copy(arrived.ravel())
         ids = self.propagation.ids
-        found = [
-            Reception(-(-at // NS), frame, station)
-            for at, frame, slot in arrived.tolist()
-            if (station := ids[slot]) is not None
-        ]
-        return sorted(found)
+        found: dict[tuple[int, int], list[int]] = {}
+        for at, frame, slot in arrived.tolist():
+            if (station := ids[slot]) is not None:
+                found.setdefault((-(-at // NS), frame), []).append(station)
+        return [Arrival(*key, sorted(found[key])) for key in sorted(found)]
 
     def channel_busy_ratio(self, station: int) -> float:
         """As ``Radio.channel_busy_ratio``, from the powers that arrive at the antenna."""

@@ -15,19 +15,20 @@ LARGEST_BYTES = 2304 - 52
 and BTP (4)."""
 
 
-class Reception(NamedTuple):
+class Arrival(NamedTuple):
     """A frame that arrived.  The order is that of ``Radio.advance``."""
 
     at_ms: int
     frame: int
-    receiver: int
+    receivers: list[int]
+    """Those that it reached at this time, by id."""
 
 
 class Radio(Protocol):
     """A broadcast channel.  A station is known by its id, from ``move`` on.
 
     Time never goes back: ``now_ms`` and ``until_ms`` are at least the last ``until_ms``.
-    Two runs with the same seed and the same calls give the same receptions.
+    Two runs with the same seed and the same calls give the same arrivals.
     """
 
     def move(self, positions: Mapping[int, tuple[float, float]]) -> None:
@@ -45,8 +46,8 @@ class Radio(Protocol):
         position, a size that no frame holds, and a time before the last ``advance``.
         """
 
-    def advance(self, until_ms: int) -> list[Reception]:
-        """The receptions up to and including this time that were not returned before, sorted.
+    def advance(self, until_ms: int) -> list[Arrival]:
+        """The arrivals up to and including this time that were not returned before, sorted.
 
         A frame arrives at least 1 ms after it was handed over.
         Raises ValueError for a time before the last one.

@@ -146,13 +146,14 @@ class RadioLinks:
     def _pass(self) -> None:
         """Pass on what has arrived, every millisecond."""
         now = self._clock.now()
-        for _, number, receiver in self.radio.advance(now):
-            sent_ms, frame = self._frames[number]
-            receive = self._receivers.get(receiver)
-            if receive is not None and frame.to in (BROADCAST, receiver):
-                self.received += 1
-                self.longest_ms = max(self.longest_ms, now - sent_ms)
-                receive(frame.data, frame.tx)
+        for _, number, reached in self.radio.advance(now):
+            sent_ms, (_, to, tx, data) = self._frames[number]
+            for receiver in reached if to == BROADCAST else [to] if to in reached else ():
+                receive = self._receivers.get(receiver)
+                if receive is not None:
+                    self.received += 1
+                    self.longest_ms = max(self.longest_ms, now - sent_ms)
+                    receive(data, tx)
         while self._frames and now - next(iter(self._frames.values()))[0] > OLDEST_MS:
             del self._frames[next(iter(self._frames))]
         self._clock.at(now + 1, self._pass)

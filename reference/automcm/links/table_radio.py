@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict
 
 from automcm.kernels.trajectory import Floats
 from automcm.links.propagation import OfferedLoad, Propagation, airtime_us, sensed
-from automcm.links.radio import Reception, Sequence
+from automcm.links.radio import Arrival, Sequence
 
 
 class Bursts(BaseModel):
@@ -82,7 +82,7 @@ def committed() -> Table:
 
 
 class TableRadio:
-    """The stations of one channel.  Equal seeds and calls give equal receptions.
+    """The stations of one channel.  Equal seeds and calls give equal arrivals.
 
     ``background`` is an offered load at every station, by others that are not simulated: a share of
     airtime, at least 0.  Raises ValueError for another one.
@@ -108,7 +108,7 @@ class TableRadio:
         self._mean_us = self._table.frame_us
         """The mean airtime of the frames of the last second."""
         self._stale = False
-        self._pending: dict[int, list[Reception]] = {}
+        self._pending: dict[int, list[Arrival]] = {}
 
     def move(self, positions: Mapping[int, tuple[float, float]]) -> None:
         """As ``Radio.move``."""
@@ -133,13 +133,10 @@ class TableRadio:
         (slots,) = np.nonzero(self._random.random(len(arrives)) < arrives)
         at_ms = now_ms + self._delay(self._load(slot), airtime - self._airtimes[0])
         ids = self.propagation.ids
-        self._pending.setdefault(at_ms, []).extend(
-            Reception(at_ms, frame, station)
-            for each in slots.tolist()
-            if (station := ids[each]) is not None
-        )
+        reached = [s for each in slots.tolist() if (s := ids[each]) is not None]
+        self._pending.setdefault(at_ms, []).append(Arrival(at_ms, frame, sorted(reached)))
 
-    def advance(self, until_ms: int) -> list[Reception]:
+    def advance(self, until_ms: int) -> list[Arrival]:
         """As ``Radio.advance``."""
         self._sequence.advanced(until_ms)
         if self.load.advance(until_ms):
@@ -147,9 +144,11 @@ class TableRadio:
             self._stale = True
         if not self._pending:
             return []
-        present, found = self.propagation.slots, list[Reception]()
+        present, found = self.propagation.slots, list[Arrival]()
         for at_ms in sorted(ms for ms in self._pending if ms <= until_ms):
-            found += sorted(r for r in self._pending.pop(at_ms) if r.receiver in present)
+            for _, frame, reached in sorted(self._pending.pop(at_ms)):
+                if there := [station for station in reached if station in present]:
+                    found.append(Arrival(at_ms, frame, there))
         return found
 
     def channel_busy_ratio(self, station: int) -> float:
@@ -238,7 +237,8 @@ def hidden_airtime(mean_dbm: Floats, airtime: Floats) -> Floats:
     hidden = 1 - hears
     np.fill_diagonal(hidden, 0.0)
     np.fill_diagonal(hears, 1.0)  # a station that sends receives nothing
-    found: Floats = (hidden * airtime) @ hears
+    # Not by @: BLAS's threads take 50 times as long while the other cores are busy.
+    found: Floats = np.einsum("sk,kr->sr", hidden * airtime, hears)
     return found
 
 

@@ -22,7 +22,7 @@ from automcm_spec.vocabulary.application import (
     Refuse,
     Role,
 )
-from automcm_spec.vocabulary.messages import Plain, Session, Trajectory
+from automcm_spec.vocabulary.messages import Cam, Plain, Session, Trajectory
 
 HEARD_MS = 30_000
 """A station is passed on to the application for this time after its last CAM (APP-1)."""
@@ -63,6 +63,23 @@ class Heard:
     sigma_mm: int | None = None
     in_step: bool = True
     """Whether its clock may be within 100 ms of the service's (APP-6)."""
+
+    @classmethod
+    def of(cls, cam: Cam, received_ms: int) -> Heard:
+        """A CAM received at this time."""
+        length_mm, width_mm = cam.extent_mm
+        return cls(
+            station_id=cam.src,
+            received_ms=received_ms,
+            x_mm=cam.x_mm,
+            y_mm=cam.y_mm,
+            heading_mrad=cam.heading_mrad,
+            speed_mm_s=cam.speed_mm_s,
+            marks=cam.marks,
+            length_mm=length_mm,
+            width_mm=width_mm,
+            sigma_mm=cam.sigma_mm,
+        )
 
     def bound_elsewhere(self, session: Session | None) -> bool:
         """Whether its marks name another session: ADV-4 then keeps it from answering."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable
 from logging import getLogger
 
@@ -19,16 +19,17 @@ _logger = getLogger(__name__)
 
 
 class ClockOffsets:
-    """The CAMs of the last seconds of each of the ``most`` stations that ``me`` heard last.
+    """The CAMs of the last seconds of each station, until ``forget``.
 
-    ``out_of_step`` is called once for each station whose clock is out of step.
+    ``out_of_step`` is called once for each station whose clock is out of step, and for at most
+    ``most``.  ``me`` is named in the log.
     """
 
     def __init__(self, me: int, most: int, p: Known, out_of_step: OutOfStep) -> None:
         self._me, self._most = me, most
         self._delay_ms, self._drift = longest_delay(p), p["clock_drift"]
         self._out_of_step = out_of_step
-        self._cams: OrderedDict[int, deque[tuple[int, int]]] = OrderedDict()
+        self._cams: dict[int, deque[tuple[int, int]]] = {}
         self._off_ms: dict[int, int] = {}
         """When each of these stations last sent a CAM that alone leaves it in doubt."""
         self.reported: set[int] = set()
@@ -39,16 +40,12 @@ class ClockOffsets:
         cams = self._cams.get(station_id)
         if cams is None:
             cams = self._cams[station_id] = deque(maxlen=CAMS)
-            if len(self._cams) > self._most:
-                gone, _ = self._cams.popitem(last=False)
-                self._off_ms.pop(gone, None)
-        self._cams.move_to_end(station_id)
         cams.append((generated_ms, now_ms))
         # If each CAM of the window alone is in step, so are their common bounds.
         ahead = generated_ms - now_ms
         if not in_step((ahead, ahead + self._delay_ms)):
             self._off_ms[station_id] = now_ms
-        elif now_ms - self._off_ms.get(station_id, -WINDOW_MS - 1) > WINDOW_MS:
+        elif station_id not in self._off_ms or now_ms - self._off_ms[station_id] > WINDOW_MS:
             return True
         found = bounds(cams, now_ms, self._delay_ms, self._drift)
         if in_step(found):
@@ -62,3 +59,8 @@ class ClockOffsets:
             )
             self._out_of_step(station_id, found)
         return False
+
+    def forget(self, station_id: int) -> None:
+        """Forget the CAMs of a station."""
+        self._cams.pop(station_id, None)
+        self._off_ms.pop(station_id, None)

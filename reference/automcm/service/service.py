@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 from collections import OrderedDict, deque
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from logging import getLogger
 from operator import attrgetter
@@ -430,7 +431,8 @@ class McService:
 
     def _notify(self, effect: Effects) -> None:
         if isinstance(effect.input, ReceivedCam) and effect.input.message.src != self.station_id:
-            self._hear(effect.input.message, effect.now_ms)
+            cam = effect.input.message
+            self._remember(cam.generation_ms, Heard.of(cam, effect.now_ms))
         elif isinstance(effect.input, Accept) and effect.rule == "NEG-2":
             p, now = self._proposal, effect.now_ms
             assert p is not None
@@ -457,29 +459,16 @@ class McService:
         if st.session is not None and self._may_close(st):
             self._take(self.station.command(Close(session=st.session), now))
 
-    def _hear(self, cam: Cam, now_ms: int) -> None:
-        in_step = self._offsets.heard(cam.src, cam.generation_ms, now_ms)
-        self.statistics.out_of_step = len(self._offsets.reported)
-        self.neighbours[cam.src] = self._heard(cam, now_ms, in_step)
-        self.neighbours.move_to_end(cam.src)
+    def _remember(self, generated_ms: int, heard: Heard) -> None:
+        src = heard.station_id
+        if not self._offsets.heard(src, generated_ms, heard.received_ms):
+            heard = replace(heard, in_step=False)
+            self.statistics.out_of_step = len(self._offsets.reported)
+        self.neighbours[src] = heard
+        self.neighbours.move_to_end(src)
         if len(self.neighbours) > NEIGHBOURS:
-            self.neighbours.popitem(last=False)
-
-    def _heard(self, cam: Cam, now_ms: int, in_step: bool) -> Heard:
-        length_mm, width_mm = cam.extent_mm
-        return Heard(
-            station_id=cam.src,
-            received_ms=now_ms,
-            x_mm=cam.x_mm,
-            y_mm=cam.y_mm,
-            heading_mrad=cam.heading_mrad,
-            speed_mm_s=cam.speed_mm_s,
-            marks=cam.marks,
-            length_mm=length_mm,
-            width_mm=width_mm,
-            sigma_mm=cam.sigma_mm,
-            in_step=in_step,
-        )
+            gone, _ = self.neighbours.popitem(last=False)
+            self._offsets.forget(gone)
 
     def _in_step(self, station_id: int) -> bool:
         """APP-6; without a CAM lately, nothing is known of its clock."""

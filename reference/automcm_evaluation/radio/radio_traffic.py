@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from automcm.links.propagation import OfferedLoad, Propagation, airtime_us
-from automcm.links.radio import Radio, Reception
+from automcm.links.radio import Arrival, Radio
 
 STEP_MS = 100
 WARM_MS = 1000
@@ -136,7 +136,7 @@ def drive(radio: MeasuredRadio, traffic: Traffic) -> Course:
     phase = random.integers(traffic.period_ms, size=n)
     steps = (WARM_MS + 1000 * traffic.seconds) // STEP_MS
     sent: list[tuple[int, int, int, int]] = []
-    received: list[Reception] = []
+    received: list[Arrival] = []
     distances, powers, shares, busy = [], [], [], []
     for step, places in zip(range(steps), positions(traffic), strict=False):
         radio.move(places)
@@ -162,10 +162,9 @@ def drive(radio: MeasuredRadio, traffic: Traffic) -> Course:
     frames = np.array(sent)
     hits = np.zeros((len(sent), n), dtype=np.bool_)
     delay = np.full(len(sent), -1)
-    if received:
-        at, frame, receiver = np.array(received).T
-        hits[frame, receiver - 1] = True
-        delay[frame] = at - frames[frame, 3]
+    for at_ms, frame, receivers in received:
+        hits[frame, np.array(receivers) - 1] = True
+        delay[frame] = at_ms - frames[frame, 3]
     return Course(
         step=frames[:, 0],
         sender=frames[:, 1],

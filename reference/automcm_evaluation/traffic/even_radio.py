@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from automcm.links.radio import Reception
+from automcm.links.radio import Arrival
 from automcm.links.simulated_radio import Channel
 
 
@@ -20,7 +20,8 @@ class EvenRadio:
         self._channel = Channel(loss=loss)
         self._random = np.random.default_rng(seed)
         self._stations: list[int] = []
-        self._due: dict[int, list[Reception]] = {}
+        self._due: dict[int, dict[int, list[int]]] = {}
+        """By time, ms, and frame: the receivers."""
         self._done_ms = -1
 
     def move(self, positions: Mapping[int, tuple[float, float]]) -> None:
@@ -30,18 +31,19 @@ class EvenRadio:
     def transmit(self, sender: int, size_bytes: int, now_ms: int, frame: int) -> None:
         """As ``Radio.transmit``."""
         low, high = self._channel.delay_ms
-        number, due = len(self._stations), self._due
+        number = len(self._stations)
         arrives = self._random.random(number) >= self._channel.loss
         at = (now_ms + self._random.integers(low, high + 1, number)).tolist()
         for n in np.flatnonzero(arrives).tolist():
             if (station := self._stations[n]) != sender:
-                due.setdefault(at[n], []).append(Reception(at[n], frame, station))
+                self._due.setdefault(at[n], {}).setdefault(frame, []).append(station)
 
-    def advance(self, until_ms: int) -> list[Reception]:
+    def advance(self, until_ms: int) -> list[Arrival]:
         """As ``Radio.advance``."""
-        found: list[Reception] = []
+        found: list[Arrival] = []
         for at in range(self._done_ms + 1, until_ms + 1):
-            found += sorted(self._due.pop(at, ()))
+            frames = self._due.pop(at, {})
+            found += [Arrival(at, frame, sorted(frames[frame])) for frame in sorted(frames)]
         self._done_ms = max(self._done_ms, until_ms)
         return found
 

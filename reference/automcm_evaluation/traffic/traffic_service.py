@@ -10,6 +10,9 @@ from automcm_spec.vocabulary.messages import Cam, MessageError
 
 KEPT = 1024
 
+Shared = tuple[int, Heard]
+"""When a CAM was generated, ms, and what its receivers hear at the time of ``received_ms``."""
+
 
 class TrafficService(McService):
     """A service that takes a CAM which cannot count (ACT-5) without a step of the station.
@@ -19,26 +22,23 @@ class TrafficService(McService):
     run, which hear the same CAMs.
     """
 
-    def __init__(
-        self, *args: Any, recent: dict[tuple[int, int, int, bool], Heard], **more: Any
-    ) -> None:
+    def __init__(self, *args: Any, recent: dict[bytes, Shared], **more: Any) -> None:
         self._recent = recent
         super().__init__(*args, **more)
         self._own = self.station_id
 
     def receive(self, data: bytes, tx: str | None = None) -> int | None:
         """As in McService."""
-        alarm = self._alarm
-        if alarm is None or not self._open or self._busy or self._pending:
+        alarm, now = self._alarm, self._clock.now()
+        if alarm is None or alarm[0] <= now or not self._open or self._busy or self._pending:
             return super().receive(data, tx)
-        try:
-            message = self._codec.decode(data)
-        except MessageError:
-            return super().receive(data, tx)
-        now = self._clock.now()
-        if type(message) is not Cam or alarm[0] <= now:
-            return super().receive(data, tx)
-        src, state = message.src, self.station.state
+        shared = self._recent.get(data)
+        if shared is None or shared[1].received_ms != now:
+            shared = self._share(data, now)
+            if shared is None:
+                return super().receive(data, tx)
+        generated_ms, heard = shared
+        src, state = heard.station_id, self.station.state
         if (state.phase == "ACTUATING" and src == state.peer) or src == self._own:
             return super().receive(data, tx)
         self._time = max(self._time, now)
@@ -46,14 +46,18 @@ class TrafficService(McService):
         statistics.received_bytes += len(data)
         statistics.received["CAM"] += 1
         statistics.rules["ACT-5"] += 1
-        self._hear(message, now)
+        self._remember(generated_ms, heard)
         return src
 
-    def _heard(self, cam: Cam, now_ms: int, in_step: bool) -> Heard:
-        key = cam.src, cam.generation_ms, now_ms, in_step
-        heard = self._recent.get(key)
-        if heard is None:
-            if len(self._recent) >= KEPT:
-                self._recent.clear()
-            heard = self._recent[key] = super()._heard(cam, now_ms, in_step)
-        return heard
+    def _share(self, data: bytes, now_ms: int) -> Shared | None:
+        """A CAM that arrives now, for all receivers; None for other bytes."""
+        try:
+            message = self._codec.decode(data)
+        except MessageError:
+            return None
+        if type(message) is not Cam:
+            return None
+        if len(self._recent) >= KEPT:
+            self._recent.clear()
+        shared = self._recent[data] = message.generation_ms, Heard.of(message, now_ms)
+        return shared

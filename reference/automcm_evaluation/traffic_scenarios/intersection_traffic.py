@@ -22,7 +22,7 @@ from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_evaluation.traffic_scenarios.stream import counted, stream
-from automcm_evaluation.traffic_scenarios.yielding import Yielding
+from automcm_evaluation.traffic_scenarios.yielding import Yielding, position
 
 SCENARIO = "left_turn"
 PLACE = (600.1, 1.75)
@@ -76,10 +76,8 @@ class LeftTurn(Yielding):
 
     def _free(self, way: float) -> bool:
         """Whether nobody arrives before it is through."""
-        at, needed = (
-            float(self._line.project([self.place]).s[0]),
-            self._through_s(way, self.vehicle.speed) + APART_S,
-        )
+        at, _ = position(self._line, self.place)
+        needed = self._through_s(way, self.vehicle.speed) + APART_S
         promised = self.promised_ms()
         known = self._oncoming()
         target = next((t for t in known if promised and t.station_id == self.target), None)
@@ -118,8 +116,8 @@ class LeftTurn(Yielding):
 
     def _through(self, now_ms: int) -> bool:
         v = self.vehicle
-        rear = v.s - v.length / 2 - float(v.line.project([self.place]).s[0])
-        return rear > REACH_M or super()._through(now_ms)
+        at, _ = position(v.line, self.place)
+        return v.s - v.length / 2 - at > REACH_M or super()._through(now_ms)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,11 @@ agreement waits before the place.  SI units, unless the name says otherwise.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
+from automcm.kernels.road_line import RoadLine
 from automcm.kernels.trajectory import Trajectory
 from automcm.scenarios.lane_change import FRESH_MS, MARGIN_S, Coordinated
 from automcm.scenarios.ramp_merge import BRAKE
@@ -50,6 +52,13 @@ def arrival_in(trajectory: messages.Trajectory) -> tuple[float, int] | None:
     return way, trajectory.t0 + after_ms
 
 
+@lru_cache(maxsize=1024)
+def position(line: RoadLine, place: tuple[float, float]) -> tuple[float, float]:
+    """The position (s, d), m, on a line of a place that does not move: asked at every step."""
+    found = line.project([place])
+    return float(found.s[0]), float(found.d[0])
+
+
 def at_speed(speed: float, now: float) -> Trajectory:
     """This speed for the next second, for ``Vehicle.follow``."""
     xy = np.array([(0.0, 0.0), (max(speed, 0.0) * STEP_S, 0.0)])
@@ -81,10 +90,9 @@ class Yielding(Coordinated):
     def way(self, place: tuple[float, float]) -> float | None:
         """The way from its front to the place, m; None if that is not on its path ahead."""
         v = self.vehicle
-        found = v.line.project(np.array([place]))
-        way = float(found.s[0]) - v.s - v.length / 2
-        aside = abs(float(found.d[0]) - v.d)
-        return way if aside <= LANE_WIDTH / 2 and way > 0 else None
+        s, d = position(v.line, place)
+        way = s - v.s - v.length / 2
+        return way if abs(d - v.d) <= LANE_WIDTH / 2 and way > 0 else None
 
     # -- prescriber
 
