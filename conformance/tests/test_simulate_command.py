@@ -211,6 +211,13 @@ def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     done = automcm(*sweep, "--seeds", "4", "--json", "-")
     report = json.loads(done.stdout)
     assert report["scenarios"]["crossing"]["runs"] == 4 and len(report["bad"]) == 2
+    page = tmp_path / "sweep.md"
+    automcm(*sweep, "--seeds", "4", "--page", str(page))
+    assert f"code {report['code']}" in page.read_text()
+    assert "| crossing | 4 | 1 |" in page.read_text()
+    assert "Repeat it: `automcm simulate traffic --seed 3" in page.read_text()
+    automcm(*sweep, "--seeds", "3", "--page", str(page))
+    assert "No run was wrong." in page.read_text()
     assert len(ran) == 8 and len((tmp_path / "cells.ndjson").read_text().splitlines()) == 9
 
 

@@ -129,6 +129,9 @@ def traffic_sweep(
     workers: Annotated[int, typer.Option(help="Processes; 0: one per core.", min=0)] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/traffic-sweep"),
     again: Annotated[bool, typer.Option("--again", help="Repeat finished runs.")] = False,
+    page: Annotated[
+        Path | None, typer.Option(help="Write the results as Markdown to this file.")
+    ] = None,
     json_: Json = None,
 ) -> None:
     """Look for collisions, hazards and diverging logs in traffic.
@@ -151,11 +154,12 @@ def traffic_sweep(
     names = [name for name in SCENARIOS if not scenario or name in scenario]
     with code_3("simulate traffic-sweep", TrafficError, ExperimentError, OSError):
         sumo_home()
+        code = sweep.code()
         with progress() as notify:
             cells = sweep.finish(
                 traffic_sweep.wanted(names, seed, seeds, twice_every),
                 _checked,
-                {"sweep": "traffic", "code": sweep.code()},
+                {"sweep": "traffic", "code": code},
                 out,
                 workers=workers,
                 again=again,
@@ -163,7 +167,10 @@ def traffic_sweep(
             )
     summary = traffic_sweep.summary(cells)
     bad = [cell.values | cell.result for cell in cells if cell.result["wrong"]]
-    if write_json(json_, {"seed": seed, "seeds": seeds, "scenarios": summary, "bad": bad}):
+    report = {"seed": seed, "seeds": seeds, "code": code, "scenarios": summary, "bad": bad}
+    if page is not None:
+        files.write(page, traffic_sweep.page(report))
+    if write_json(json_, report):
         _say_sweep(summary, bad)
     raise typer.Exit(1 if bad else 0)
 

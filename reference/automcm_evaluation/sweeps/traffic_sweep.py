@@ -8,10 +8,10 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from automcm_evaluation.framework.experiment import Cell, Values, canonical
+from automcm_evaluation.framework.experiment import PAGES, Cell, Values, canonical
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wrong
-from automcm_spec.support import scratch
+from automcm_spec.support import markdown, scratch
 
 SECONDS = 30.0
 VEHICLES = 8, 14
@@ -122,6 +122,20 @@ def summary(cells: Sequence[Cell]) -> dict[str, Values]:
         row["longest_ms"] = max(row["longest_ms"], result["longest_ms"])
         row["wrong"] += bool(result["wrong"])
     return found
+
+
+def page(report: Values) -> str:
+    """Markdown; ``report`` is that of ``--json``."""
+    return markdown.page(
+        PAGES / "traffic_sweep.md.j2",
+        r=report,
+        columns=("runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"),
+        seconds=SECONDS,
+        vehicles=VEHICLES,
+        densities=DENSITIES,
+        penetrations=PENETRATIONS,
+        losses=LOSSES,
+    )
 
 
 SUMS = "requested", "agreed", "completed", "hazards"
