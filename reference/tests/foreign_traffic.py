@@ -47,6 +47,14 @@ def nothing_bad_happens() -> None:
         print(f"        {name}: {SEEDS} drives, {agreed} agreements, nothing bad")
 
 
+def a_run_without_stations_has_a_record() -> None:
+    for name, scenario in SCENARIOS.items():
+        if isinstance(scenario, LaneletIntersection) and missing("map") is not None:
+            continue
+        run = Run(scenario=name, setting=Setting(penetration=0.0, vehicles=6, duration_s=2.0))
+        assert run.record(run.drive())["outcome"], name
+
+
 def sumo_drives_along_the_lanelets() -> None:
     if (reason := missing("map")) is not None:
         print(f"SKIPPED: Lanelet2 {reason}")
@@ -117,6 +125,7 @@ def a_prescription_is_driven_and_not_teleported() -> None:
 
 
 CHECKS: tuple[Callable[[], None], ...] = (
+    a_run_without_stations_has_a_record,
     sumo_drives_along_the_lanelets,
     a_run_repeats_byte_for_byte,
     a_drive_over_ns3_repeats_and_is_not_that_over_its_table,

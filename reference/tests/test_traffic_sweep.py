@@ -12,6 +12,7 @@ from traffic_stage import traffic
 
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps import traffic_sweep
+from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
@@ -100,6 +101,24 @@ def test_a_log_that_is_not_allowed_is_wrong() -> None:
 def test_other_bytes_of_the_same_seed_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Staged, "seeds", [5, 6])
     assert check(twice=True)["wrong"] == ["a second run of the same seed wrote other bytes"]
+
+
+def test_a_run_that_breaks_off_is_wrong_and_ends_no_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(record: dict[str, Any]) -> None:
+        raise RuntimeError("a lane is not known")
+
+    good = check()
+    monkeypatch.setattr(Staged, "change", staticmethod(lost))
+    found = check()
+    assert found["wrong"] == ["it broke off: RuntimeError('a lane is not known')"]
+    assert found.keys() == good.keys() and found["command"] == good["command"]
+
+    def no_sumo(record: dict[str, Any]) -> None:
+        raise TrafficError("SUMO is missing")
+
+    monkeypatch.setattr(Staged, "change", staticmethod(no_sumo))
+    with pytest.raises(TrafficError):
+        check()
 
 
 def test_settings_are_drawn_by_the_seed_and_the_command_repeats_them(

@@ -140,7 +140,8 @@ def traffic_sweep(
     seed.  The command writes a line of JSON for each run to cells.ndjson at once, and continues
     there after an interruption, also with more seeds.  The exit code is 1 if equipped vehicles
     collided, a maneuver caused a collision, a hazard was unexcused or exceeded its bound (T-2), a
-    log diverges (trace explain), or a repeated seed wrote other bytes.  Needs automcm[sumo].
+    log diverges (trace explain), a repeated seed wrote other bytes, or an exception ended a run.
+    Needs automcm[sumo].
     """
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.sweeps import sweep, traffic_sweep

@@ -9,6 +9,7 @@ from random import Random
 from typing import Any
 
 from automcm_evaluation.framework.experiment import PAGES, Cell, Values, canonical
+from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wrong
 from automcm_spec.support import markdown, scratch
@@ -56,13 +57,29 @@ def check(values: Values, judge: Judge) -> Values:
     """Run ``values["scenario"]`` with ``values["seed"]``; with ``values["twice"]`` a second time.
 
     ``wrong`` has a line for everything that must not happen (traffic_run.wrong), for each log that
-    is not allowed, and for a repetition with other bytes.  ``sha256`` is of the record and all
-    logs.  Raises TrafficError without SUMO.
+    is not allowed, for a repetition with other bytes, and for an exception that ended the run.
+    ``sha256`` is of the record and all logs.  Raises TrafficError without SUMO.
     """
     run = drawn(values["scenario"], values["seed"])
+    try:
+        return _checked(run, values["twice"], judge)
+    except TrafficError:
+        raise
+    except Exception as error:
+        return {
+            "command": command(run),
+            "wrong": [f"it broke off: {error!r}"],
+            "collisions": dict.fromkeys(COLLISIONS, 0),
+            **dict.fromkeys((*SUMS, "longest_ms"), 0),
+            "outcome": {},
+            "sha256": "",
+        }
+
+
+def _checked(run: Run, twice: bool, judge: Judge) -> Values:
     record, digest, judged = _once(run, judge)
     found = [*wrong(record), *judged]
-    if values["twice"] and _once(run, lambda logs: [])[1] != digest:
+    if twice and _once(run, lambda logs: [])[1] != digest:
         found.append("a second run of the same seed wrote other bytes")
     hazards = record["hazards"] or {"lengths": {}}
     lengths = [ms for each in hazards["lengths"].values() for ms in each]

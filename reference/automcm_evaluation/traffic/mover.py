@@ -64,7 +64,8 @@ class Mover(Protocol):
     def line(self, route: tuple[str, ...]) -> RoadLine:
         """The middle of the rightmost lane along these edges; the same object for the same route.
 
-        Lane n is n · LANE_WIDTH to its left.
+        Lane n is n · LANE_WIDTH to its left.  After ``close`` the lines of all vehicles' routes
+        are known.
         """
 
     def control(self, number: int, speed: float | None, aside: float) -> None:

@@ -101,6 +101,9 @@ class SumoMover:
             self._sumo.start(_command(program, net, routes, seed))
         except (self._sumo.TraCIException, self._sumo.FatalTraCIError) as error:
             raise TrafficError(f"{program} cannot start: {error}") from None
+        for user in users:
+            if user.kind != "person":
+                self.line(user.route)  # for questions after the end, too
         self._bodies: dict[int, Body] = {}
         self.step()
 
