@@ -170,6 +170,11 @@ def walked(mutant: Mutant, folder: Path) -> Difference | None:
 def test_an_equivalent_mutant_is_called_so(folder: Path) -> None:
     same = changed("prescribing", "not (st.phase == ", "True and not (st.phase == ")
     assert walked(same, folder) is None
+    selectors, walks = ("AMCM/STA/REL/TI-01",), (*TIGHT, ("tight", 1))
+    asked = Asked(folder, selectors=selectors, walks=walks)
+    (row,), problems = certificate.run([same], asked, lambda text: None)
+    assert row.verdict == "equivalent" and problems == []
+    assert {path.name[:7] for path in folder.glob("*.digests")} == {"tight-0", "tight-1"}
 
 
 @pytest.mark.slow

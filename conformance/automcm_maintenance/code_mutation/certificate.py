@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from multiprocessing.pool import Pool
 from pathlib import Path
 from subprocess import SubprocessError
@@ -337,8 +338,12 @@ def _judge(
     last: list[Mutant] = []
     open_: list[Mutant] = []
     done = len(rows)
+    beside = None
     hows: tuple[How, How] = "if it differs", "suite"
     for how in hows:
+        if how == "suite" and last:  # the largest graph takes one process as long as all this
+            digests = partial(equivalence.digests, asked.folder)
+            beside = pool.map_async(digests, reversed(asked.walks), 1)
         jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]
         for id_, kills, error in pool.imap_unordered(_work, jobs):
             if kills is None and not error:
@@ -355,6 +360,8 @@ def _judge(
             kept.keep(by_id[id_].source, row, rows)
     open_ = [mutant for mutant in mutants if mutant in open_]
     if open_:
+        if beside is not None:
+            beside.wait()
         for walk in asked.walks:
             notify(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
