@@ -217,7 +217,7 @@ def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "| crossing | 4 | 1 |" in page.read_text()
     assert "Repeat it: `automcm simulate traffic --seed 3" in page.read_text()
     automcm(*sweep, "--seeds", "3", "--page", str(page))
-    assert "No run was wrong." in page.read_text()
+    assert "No run was bad." in page.read_text()
     assert len(ran) == 8 and len((tmp_path / "cells.ndjson").read_text().splitlines()) == 9
 
 

@@ -341,7 +341,7 @@ def _judge(
     beside = None
     hows: tuple[How, How] = "if it differs", "suite"
     for how in hows:
-        if how == "suite" and last:  # the largest graph takes one process as long as all this
+        if how == "suite" and last:  # these need all digests; the largest takes minutes
             digests = partial(equivalence.digests, asked.folder)
             beside = pool.map_async(digests, reversed(asked.walks), 1)
         jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]

@@ -148,9 +148,9 @@ class RadioLinks:
         now = self._clock.now()
         for _, number, reached in self.radio.advance(now):
             sent_ms, (_, to, tx, data) = self._frames[number]
-            for receiver in reached if to == BROADCAST else [to] if to in reached else ():
+            for receiver in reached:
                 receive = self._receivers.get(receiver)
-                if receive is not None:
+                if receive is not None and to in (BROADCAST, receiver):
                     self.received += 1
                     self.longest_ms = max(self.longest_ms, now - sent_ms)
                     receive(data, tx)
