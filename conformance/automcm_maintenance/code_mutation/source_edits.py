@@ -25,9 +25,11 @@ UNTOUCHED = frozenset(
     (
         *("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict"),
         *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
+        *("same", "required", "extent_mm"),
     )
 )
-"""Not mutated: checks of a configuration or of a table in the program, and error messages."""
+"""Not mutated: checks of a configuration or of a table in the program, error messages, and what
+only applications and log tools use."""
 COSTS = frozenset(("fail_fast", "json_schema_input_type", "discriminator", "mode", "frozen"))
 """Keywords about the cost of a check or the form of a schema, without effect on the verdict."""
 _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {

@@ -40,9 +40,11 @@ TYPES = frozenset(
         *("Effects", "EntryKey", "Timer", "MACHINES", "NOBODY", "BROADCAST", "_GUARDS"),
         *("_RECEIVED", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
         *("TimerRow", "ADVERTISED_RANK", "Known", "Formula", "Unit"),
+        *("CAR_MM", "_LORRY_MM", "EXTENTS_MM"),
     )
 )
-"""Names at the top of a module that are types or wiring of the program, not behaviour."""
+"""Names at the top of a module that are types or wiring of the program, or that only applications
+use: not behaviour of a station."""
 SHARE = 260
 """The approximate number of mutants in a certificate."""
 AROUND = 16
