@@ -220,6 +220,13 @@ def test_what_is_run_until_a_case_fails(
     assert (kept == certificate.suite_hash(Asked(tmp_path))) is not quick
 
 
+def test_a_walk_without_end_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(equivalence, "SECONDS", 0)
+    with pytest.raises(equivalence.WalkError, match="no end after 0 s"):
+        equivalence.digests(tmp_path, ("tight", 0))
+    assert not list(tmp_path.glob("*.digests"))
+
+
 def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
     kinds = {m.id.rsplit("/", 1)[0]: equivalence.kinds_of(m) for m in made.mutants}
     assert kinds["state/armed"] == kinds["phases/ReceiverPhases"] == set()

@@ -33,7 +33,8 @@ WALKS = (
     ("two-peers", 0),
 )
 """Graphs and variants, the fast ones first."""
-SECONDS = 3_600
+SECONDS = 7_200
+"""Limit of real time for one walk."""
 
 
 @dataclass(frozen=True)
@@ -151,14 +152,16 @@ def _present() -> str:
 
 
 def _child(*arguments: str) -> str:
-    done = subprocess.run(
-        children.ending_with_parent(
-            [sys.executable, "-m", "automcm_maintenance.code_mutation.mutated_process", *arguments]
-        ),
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
+    command = [sys.executable, "-m", "automcm_maintenance.code_mutation.mutated_process"]
+    try:
+        done = subprocess.run(
+            children.ending_with_parent([*command, *arguments]),
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise WalkError(f"no end after {SECONDS} s") from error
     if done.returncode:
         raise WalkError(f"exit code {done.returncode}: {done.stderr.strip()[-500:]}")
     return done.stdout
