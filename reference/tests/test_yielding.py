@@ -141,6 +141,19 @@ def test_a_left_turn_waits_for_whoever_comes_and_not_for_who_has_passed() -> Non
     assert found == [True, False, False, True]
 
 
+@pytest.mark.parametrize(("speed", "goes"), [(0.2, False), (0.2, True), (2.0, False), (2.0, True)])
+def test_a_left_turn_that_crept_over_its_line_still_waits(speed: float, goes: bool) -> None:
+    """The sweep's run 268: it crept 1 m too far, and went although another car was near."""
+    v = Vehicle(1, PLACE[0] - (REACH_M - 1.1) - 2.25, 0, speed, 12.0)
+    v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
+    near = [Track(x=PLACE[0] + 10, y=PLACE[1], vx=-12.0, sigma=0.0)]
+    driver = LeftTurn(v, True, lambda region, t0, t1: near)
+    answers_of(driver)
+    driver._goes = goes
+    held = driver._held(0)
+    assert held is None if goes else held == pytest.approx(-1.1)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_same_setting_gives_the_same_users_apart_from_each_other(name: str) -> None:
     setting = Setting(seed=4, vehicles=20, density=80)

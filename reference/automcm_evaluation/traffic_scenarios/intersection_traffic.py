@@ -94,8 +94,8 @@ class LeftTurn(Yielding):
 
     def _held(self, now_ms: int) -> float | None:
         way = self.way(self.place) if self._turns else None
-        if way is None or way < REACH_M - 1.0:
-            return None
+        if way is None or (self._goes and way < REACH_M - 1.0):
+            return None  # it clears the conflict
         v, left = self.vehicle, way - REACH_M
         if v.speed**2 < 2 * BRAKE * max(left, 0.1) or v.speed < 0.5:
             self._goes = self._free(way)  # until it could no longer stop

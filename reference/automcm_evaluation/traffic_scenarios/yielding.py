@@ -205,7 +205,7 @@ class Yielding(Coordinated):
             if way is not None and now_ms < self.until_ms:
                 speeds.append(1000 * way / (self.until_ms - now_ms))
         if (left := self._held(now_ms)) is not None and v.speed**2 >= 2 * BRAKE * left:
-            brake = v.speed**2 / (2 * max(left, 0.1))
+            brake = max(v.speed**2 / (2 * max(left, 0.1)), BRAKE)
             speeds.append(v.speed - brake / v.driving.gain)
         least = min(speeds, default=math.inf)
         v.follow(at_speed(least, now_ms / 1000) if least < math.inf else None)
