@@ -12,6 +12,7 @@ import pytest
 from cli_stage import automcm
 
 from automcm_cli.reference import simulate_command, traffic_command
+from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
 from automcm_evaluation.traffic import sumo_mover
 from automcm_maintenance.benches import kernel_bench
 
@@ -185,7 +186,7 @@ def _run_of(values: dict[str, Any]) -> dict[str, Any]:
     wrong = ["1 collisions by a maneuver"] if values["seed"] == 3 else []
     return {
         **dict.fromkeys(("requested", "agreed", "completed", "hazards", "longest_ms"), 1),
-        "collisions": {"between_equipped": 0, "by_maneuver": len(wrong), "all": len(wrong)},
+        "collisions": {name: len(wrong) for name in COLLISIONS},
         "command": "automcm simulate traffic --seed 3",
         "wrong": wrong,
     }

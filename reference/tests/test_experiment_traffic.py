@@ -51,7 +51,7 @@ def result(s_per_km: float) -> Values:
         "ended": {"abort": 1},
         "outcome": {},
         "receivers": {"median": 3.0, "most": 4, "at_limit": 0},
-        "collisions": {"between_equipped": 0, "by_maneuver": 0, "all": 0},
+        "collisions": {"between_equipped": 0, "by_maneuver": 0, "with_pedestrian": 0, "all": 0},
         "collision_list": [],
         "hazards": {"abort": [120]},
         "bound_ms": 1540,

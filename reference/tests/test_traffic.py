@@ -42,6 +42,7 @@ def test_vehicles_agree_and_change_lanes_as_the_mover_drives_them() -> None:
     assert record["radio"]["received"] > 1000 and 30 < record["radio"]["longest_delay_ms"] <= 40
     sessions = record["sessions"]
     assert sessions["requested"] >= sessions["agreed"] >= sessions["completed"] > 0
+    assert record["outcome"]["signals"] > sessions["requested"] == len(made.stations.began)
     assert sessions["ended"].get("abort", 0) == record["outcome"]["gives up"]
     assert record["outcome"]["has changed lanes"] > 0
     for number, vehicle in made.vehicles.items():

@@ -12,6 +12,7 @@ from traffic_stage import traffic
 
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps import traffic_sweep
+from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
 from automcm_evaluation.traffic.mover import TrafficError
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
@@ -70,6 +71,10 @@ def test_a_good_run_has_nothing_wrong_and_repeats() -> None:
         (lambda r: r["collisions"].update(between_equipped=2), "2 collisions between equipped"),
         (lambda r: r["collisions"].update(by_maneuver=1), "1 collisions by a maneuver"),
         (
+            lambda r: r["collisions"].update(with_pedestrian=1),
+            "1 collisions of an equipped vehicle with a pedestrian",
+        ),
+        (
             lambda r: r["hazards"]["wrong"].append({"seed": 5, "ms": 9, "excuse": ""}),
             "a hazard of 9 ms with no excuse",
         ),
@@ -90,7 +95,7 @@ def test_collisions_of_others_are_not_wrong(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_record_without_stations_has_no_hazards() -> None:
-    collisions = {"between_equipped": 0, "by_maneuver": 0, "all": 0}
+    collisions = dict.fromkeys(COLLISIONS, 0)
     assert wrong({"collisions": collisions, "hazards": None}) == []
 
 
@@ -151,13 +156,13 @@ def test_all_scenarios_run_with_the_first_seeds_and_every_nth_seed_twice() -> No
 
 def test_the_summary_adds_up_by_scenario() -> None:
     result = check() | {"hazards": 2, "longest_ms": 7, "wrong": ["x", "y"]}
-    result["collisions"] = {"between_equipped": 1, "by_maneuver": 2, "all": 3}
+    result["collisions"] = dict(zip(COLLISIONS, (1, 2, 3, 4), strict=True))
     values = traffic_sweep.wanted(["merge"], 0, 2, 2)
     found = traffic_sweep.summary(
         [Cell(values[0], result), Cell(values[1], result | {"longest_ms": 5, "wrong": []})]
     )
     assert found["merge"] == {
         **{"runs": 2, "twice": 1, "hazards": 4, "longest_ms": 7, "wrong": 1},
-        **{"between_equipped": 2, "by_maneuver": 4, "all": 6},
+        **dict(zip(COLLISIONS, (2, 4, 6, 8), strict=True)),
         **{name: 2 * result[name] for name in ("requested", "agreed", "completed")},
     }

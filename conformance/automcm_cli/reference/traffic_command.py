@@ -69,8 +69,9 @@ def traffic(
     by radio and drive them by their own control.  A vehicle without a station is SUMO's own driver.
     The command writes each station's log, the record of safety, comfort, radio and sessions, and a
     page of one session with the traffic from above.  The exit code is 1 if equipped vehicles
-    collided, a maneuver caused a collision, or a hazard exceeded its bound (T-2).  Needs
-    automcm[sumo]; --radio ns3 also automcm[radio].
+    collided, a maneuver caused a collision, an equipped vehicle hit a pedestrian, or a hazard was
+    unexcused (S-5) or exceeded its bound (T-2).  Needs automcm[sumo]; --radio ns3 also
+    automcm[radio].
     """
     from automcm.encoding.codec import CodecError
     from automcm_evaluation.traffic.mover import TrafficError
@@ -98,8 +99,8 @@ def traffic(
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
         out.mkdir(parents=True, exist_ok=True)
-        for old in out.glob("*.ndjson"):
-            old.unlink()
+        for old in (*out.glob("*.ndjson"), out / "page.html"):
+            old.unlink(missing_ok=True)
         with ExitStack() as stack:
             bar = stack.enter_context(_bar(duration_s))
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
@@ -139,9 +140,9 @@ def traffic_sweep(
     Each run of 30 simulated seconds draws its vehicles, density, penetration and radio from its
     seed.  The command writes a line of JSON for each run to cells.ndjson at once, and continues
     there after an interruption, also with more seeds.  The exit code is 1 if equipped vehicles
-    collided, a maneuver caused a collision, a hazard was unexcused or exceeded its bound (T-2), a
-    log diverges (trace explain), a repeated seed wrote other bytes, or an exception ended a run.
-    Needs automcm[sumo].
+    collided, a maneuver caused a collision, an equipped vehicle hit a pedestrian, a hazard was
+    unexcused (S-5) or exceeded its bound (T-2), a log diverges (trace explain), a repeated seed
+    wrote other bytes, or an exception ended a run.  Needs automcm[sumo,map].
     """
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.sweeps import sweep, traffic_sweep
@@ -199,11 +200,11 @@ def not_allowed(logs: Sequence[Path]) -> list[str]:
 def _say_sweep(summary: dict[str, Any], bad: Sequence[dict[str, Any]]) -> None:
     table = table_of(
         "scenario", "runs", "twice", "requested", "agreed", "completed", "hazards", "longest, ms",
-        "collisions: equipped", "by maneuver", "all", "bad runs",
+        "collisions: equipped", "by maneuver", "pedestrian", "all", "bad runs",
     )  # fmt: skip
     for name, row in summary.items():
         found = ("runs", "twice", "requested", "agreed", "completed", "hazards", "longest_ms")
-        more = ("between_equipped", "by_maneuver", "all", "wrong")
+        more = ("between_equipped", "by_maneuver", "with_pedestrian", "all", "wrong")
         table.add_row(name, *(str(row[each]) for each in (*found, *more)))
     console_of(130).print(table)
     for run in bad:
@@ -257,13 +258,15 @@ def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
     collisions, sessions, radio = record["collisions"], record["sessions"], record["radio"]
     typer.echo(
         f"collisions  {collisions['between_equipped']} between equipped vehicles, "
-        f"{collisions['by_maneuver']} by a maneuver, {collisions['all']} in all"
+        f"{collisions['by_maneuver']} by a maneuver, {collisions['with_pedestrian']} with a "
+        f"pedestrian, {collisions['all']} in all"
     )
     if record["hazards"] is not None:
         lengths = [ms for each in record["hazards"]["lengths"].values() for ms in each]
         typer.echo(
             f"hazards     {len(lengths)}, longest {max(lengths, default=0)} ms, "
-            f"{len(record['hazards']['wrong'])} beyond B = {record['hazards']['bound_ms']} ms (T-2)"
+            f"{len(record['hazards']['wrong'])} unexcused (S-5) or beyond "
+            f"B = {record['hazards']['bound_ms']} ms (T-2)"
         )
     typer.echo(
         f"sessions    {sessions['requested']} requested, {sessions['agreed']} agreed, "

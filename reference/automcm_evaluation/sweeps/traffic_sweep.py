@@ -156,4 +156,4 @@ def page(report: Values) -> str:
 
 
 SUMS = "requested", "agreed", "completed", "hazards"
-COLLISIONS = "between_equipped", "by_maneuver", "all"
+COLLISIONS = "between_equipped", "by_maneuver", "with_pedestrian", "all"

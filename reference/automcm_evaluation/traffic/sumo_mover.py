@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from automcm.kernels.trajectory import TrajectoryError
 from automcm.scenarios.road import LANE_WIDTH, STEP_S
 from automcm_evaluation.traffic import lanelet_network
 from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
+from automcm_spec.support import scratch
 
 NETWORKS = Path(__file__).parent / "networks"
 """Plain XML for netconvert (NAME.nod.xml, NAME.edg.xml), or a Lanelet2 map (NAME.osm)."""
@@ -51,22 +53,25 @@ def sumo_home() -> Path:
         raise TrafficError("SUMO is missing: pip install 'automcm[sumo]'") from None
 
 
-def network(name: str, folder: Path) -> Path:
-    """The network NAME of NETWORKS, made by netconvert in ``folder``.  Raises TrafficError."""
-    made = folder / f"{name}.net.xml"
-    command = [str(sumo_home() / "bin" / "netconvert"), "-o", str(made), "--no-warnings", "true"]
-    plain = NETWORKS
-    if (lanelets := NETWORKS / f"{name}.osm").exists():
-        lanelet_network.write(lanelets, folder)
-        plain = folder
-        command += ["--offset.disable-normalization", "true"]  # the map's coordinates
-    for option, ending in {"node": "nod", "edge": "edg", "connection": "con"}.items():
-        if (file := plain / f"{name}.{ending}.xml").exists():
-            command += [f"--{option}-files", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode or not made.exists():
-        raise TrafficError(f"netconvert failed on {name}: {done.stderr.strip()[-300:]}")
-    return made
+@cache
+def network(name: str) -> bytes:
+    """The network NAME of NETWORKS, made by netconvert once in a process.  Raises TrafficError."""
+    command = [str(sumo_home() / "bin" / "netconvert"), "--no-warnings", "true"]
+    with scratch.folder("network") as folder:
+        made = folder / f"{name}.net.xml"
+        plain = NETWORKS
+        if (lanelets := NETWORKS / f"{name}.osm").exists():
+            lanelet_network.write(lanelets, folder)
+            plain = folder
+            command += ["--offset.disable-normalization", "true"]  # the map's coordinates
+        for option, ending in {"node": "nod", "edge": "edg", "connection": "con"}.items():
+            if (file := plain / f"{name}.{ending}.xml").exists():
+                command += [f"--{option}-files", str(file)]
+        command += ["-o", str(made)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode or not made.exists():
+            raise TrafficError(f"netconvert failed on {name}: {done.stderr.strip()[-300:]}")
+        return made.read_bytes()
 
 
 class SumoMover:
@@ -87,14 +92,14 @@ class SumoMover:
     ) -> None:
         if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
             raise TrafficError("sumo-gui needs a display: DISPLAY is not set")
-        net = network(name, folder)
+        net, routes = folder / f"{name}.net.xml", folder / f"{name}.rou.xml"
+        net.write_bytes(network(name))
         self._sumo: Any = import_module("libsumo")
         self._users = {user.number: user for user in users}
         self._ids = {user.number: str(user.number) for user in users}
         self._half = {user.number: user.length / 2 for user in users}
         self._lines: dict[tuple[str, ...], RoadLine] = {}
         self._steered: set[int] = set()
-        routes = folder / f"{name}.rou.xml"
         routes.write_text(_routes(users, cooperative), encoding="utf-8")
         program = "sumo-gui" if gui else "sumo"
         try:

@@ -34,7 +34,7 @@ class Stations(Watched):
         super().__init__(seed=seed, logs=logs, service=partial(TrafficService, recent={}))
         self.links = RadioLinks(self.clock, radio)
         self.requested = 0
-        """Sessions that were requested (ADV-1)."""
+        """Sessions that were requested (ADV-1), without requests that were refused."""
         self.ended: Counter[str] = Counter()
         """Sessions that their prescriber left before the end, by reason."""
         self.began: dict[Session, int] = {}
@@ -50,14 +50,14 @@ class Stations(Watched):
         if isinstance(effects.input, ReceivedCam):
             return
         super()._note(station_id, before, effects)
-        if isinstance(effects.input, Request) and effects.rule == "ADV-1":
+        session = effects.state.session
+        if isinstance(effects.input, Request) and session not in (None, before.session):
             self.requested += 1
-            assert effects.state.session is not None
-            self.began[effects.state.session] = effects.now_ms
+            self.began[session] = effects.now_ms
         if isinstance(effects.input, Abort) and effects.rule == "END-1":
             self.ended["abort"] += before.role == "prescriber"
-        if effects.state.session is not None:
-            self.partners.setdefault(effects.state.session, set()).add(station_id)
+        if session is not None:
+            self.partners.setdefault(session, set()).add(station_id)
         for indication in effects.indications:
             if isinstance(indication, NoParticipants):
                 self.ended["no_participants"] += 1

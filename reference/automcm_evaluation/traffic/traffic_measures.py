@@ -125,6 +125,7 @@ class Measures:
                     "ms": now_ms,
                     "users": list(pair),
                     "equipped": sum(self._users[n].equipped for n in pair),
+                    "pedestrian": any(self._users[n].kind == "person" for n in pair),
                     "maneuver": now_ms - last <= AFTER_MS,
                     "speeds": [round(bodies[n].speed, 2) for n in pair],
                 }
@@ -197,6 +198,7 @@ class Measures:
             "collisions": {
                 "between_equipped": sum(c["equipped"] == 2 for c in self.collisions),
                 "by_maneuver": sum(c["maneuver"] for c in self.collisions),
+                "with_pedestrian": sum(c["pedestrian"] * c["equipped"] for c in self.collisions),
                 "all": len(self.collisions),
                 "list": self.collisions[:20],
             },

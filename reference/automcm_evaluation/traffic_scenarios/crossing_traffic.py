@@ -124,15 +124,5 @@ class PedestrianCrossing:
 
     def outcome(self, traffic: Traffic) -> dict[str, Any]:
         """As ``Scenario.outcome``."""
-        hits = [
-            traffic.users[number].equipped
-            for collision in traffic.measures.collisions
-            if any(traffic.users[n].kind == "person" for n in collision["users"])
-            for number in collision["users"]
-            if traffic.users[number].kind == "vehicle"
-        ]
         words = ("requests", "asks nobody", "accepts to yield", "refuses to yield", "is through")
-        return {
-            "hit by equipped vehicles": sum(hits),
-            "hit by others": len(hits) - sum(hits),
-        } | counted(traffic, words)
+        return counted(traffic, words)

@@ -98,11 +98,13 @@ class Run:
 
 def wrong(record: dict[str, Any]) -> list[str]:
     """A line for everything in a record that must not happen: collisions between equipped vehicles,
-    collisions by a maneuver, and hazards that are unexcused (S-5) or exceed B (T-2)."""
+    by a maneuver, or of an equipped vehicle with a pedestrian, and hazards that are unexcused (S-5)
+    or exceed B (T-2)."""
     collisions, hazards = record["collisions"], record["hazards"] or {"wrong": []}
     counted = {
         "between equipped vehicles": collisions["between_equipped"],
         "by a maneuver": collisions["by_maneuver"],
+        "of an equipped vehicle with a pedestrian": collisions["with_pedestrian"],
     }
     found = [f"{number} collisions {what}" for what, number in counted.items() if number]
     return found + [
