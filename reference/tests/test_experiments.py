@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,48 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same(dice: Thrown, tmp_path:
     assert dice.ran == [6, 20], "nothing is run twice"
     run(dice, tmp_path / "cut", again=True)
     assert dice.ran == [6, 20, 6, 20]
+
+
+def test_again_repeats_what_is_asked_and_keeps_the_others(tmp_path: Path) -> None:
+    ran: list[int] = []
+
+    def square(values: Json) -> Json:
+        ran.append(values["n"])
+        return {"run": len(ran)}
+
+    def finish(numbers: Sequence[int], again: bool = False) -> list[Json]:
+        wanted = [{"n": n} for n in numbers]
+        cells = sweep.finish(wanted, square, {"of": "it"}, tmp_path, workers=1, again=again)
+        return [cell.result for cell in cells]
+
+    finish((1, 2, 3))
+    assert finish((2,), again=True) == [{"run": 4}]
+    assert finish((1, 2, 3)) == [{"run": 1}, {"run": 4}, {"run": 3}] and ran == [1, 2, 3, 2]
+
+
+def test_a_process_that_breaks_off_is_named(tmp_path: Path) -> None:
+    """As when a library crashes: the sweep says in which cell, and keeps what is finished."""
+    wanted = [{"code": code} for code in (0, 0, 9)]
+    with pytest.raises(ExperimentError, match=r'a process broke off; it ran .*"code":9'):
+        sweep.finish(wanted[1:], ends, {"of": "it"}, tmp_path, workers=2)
+
+
+def ends(values: Json) -> Json:
+    if values["code"]:
+        os._exit(values["code"])
+    return values
+
+
+def test_the_code_is_also_the_tables_and_maps(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(sweep, "SOURCES", [tmp_path])
+    found = {sweep.code()}
+    for name in ("a.py", "radio.json", "ramp.nod.xml", "town.osm"):
+        (tmp_path / name).write_text(name)
+        found.add(sweep.code())
+    (tmp_path / "page.md.j2").write_text("no result depends on it")
+    assert len(found) == 5 and sweep.code() in found
 
 
 def test_cells_of_another_sweep_are_not_mixed_in(dice: Thrown, tmp_path: Path) -> None:

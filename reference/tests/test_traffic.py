@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from traffic_stage import TWO, RoadMover, traffic
 from automcm.encoding.codec import JSON
 from automcm.kernels.trajectory import Trajectory
 from automcm.scenarios.lane_change import LaneChange
+from automcm.scenarios.road import STRAIGHT
 from automcm.service.service import McService
 from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
@@ -27,6 +29,8 @@ from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_service import TrafficService
 from automcm_evaluation.traffic.traffic_vehicle import Sight
 from automcm_evaluation.traffic_scenarios import traffic_run
+from automcm_evaluation.traffic_scenarios.intersection_traffic import Intersection
+from automcm_evaluation.traffic_scenarios.ramp_traffic import Ramps
 from automcm_evaluation.traffic_scenarios.traffic_run import Run
 from automcm_spec.support import extras
 from automcm_spec.vocabulary.messages import Cam, MessageError
@@ -89,6 +93,43 @@ def test_who_leaves_the_road_is_off_the_air() -> None:
     made.run()
     before = made.stations.services[1].neighbours[2].received_ms
     assert 900 < before < 1200 and made.stations.down == {2}
+
+
+def test_who_has_left_signals_no_more() -> None:
+    made, mover = traffic(seed=3, vehicles=3)
+    mover.gone.update((1, 2, 3))
+    made.run()
+    assert made.record()["outcome"]["signals"] == 0
+
+
+@pytest.mark.parametrize("scenario", [Ramps("merge", unit=False), Intersection()])
+def test_who_has_passed_and_left_the_road_has_merged_or_turned(scenario: Any) -> None:
+    mover = SimpleNamespace(bodies=dict, line=lambda route: STRAIGHT)
+    for vehicles in (1, 8):  # of one, nobody turns or comes from the ramp
+        users = scenario.users(Setting(vehicles=vehicles))
+        of = SimpleNamespace(users={u.number: u for u in users}, mover=mover, drivers={})
+        words = list(scenario.outcome(of).values())
+        assert words[0] == words[1] == 2 * (vehicles > 1)
+
+
+def test_the_way_is_not_asked_for_if_nobody_turns() -> None:
+    def line(route: tuple[str, ...]) -> None:
+        raise RuntimeError("SUMO has ended, and this route was never asked for")
+
+    mover = SimpleNamespace(bodies=dict, line=line)
+    found = Intersection().outcome(SimpleNamespace(users={}, mover=mover, drivers={}))  # type: ignore[arg-type]
+    assert found["turn left"] == found["have turned"] == 0
+
+
+def test_adv_9_a_cam_closes_the_window_as_in_any_service() -> None:
+    made, _ = traffic(seed=3, vehicles=3, duration_s=2)
+    asked: list[int] = []
+    for service in made.stations.services.values():
+        service._close_window = lambda answered, heard: bool(asked.append(len(heard)))
+    made.clock.at(500, lambda: made.drivers[1].signal(1))  # type: ignore[attr-defined]
+    made.run()
+    cams = made.stations.services[1].statistics.received["CAM"]
+    assert len(asked) > cams / 2 > 10
 
 
 def test_only_equipped_vehicles_have_a_station() -> None:

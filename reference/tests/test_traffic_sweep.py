@@ -118,11 +118,16 @@ def test_a_run_that_breaks_off_is_wrong_and_ends_no_sweep(monkeypatch: pytest.Mo
     assert found["wrong"] == ["it broke off: RuntimeError('a lane is not known')"]
     assert found.keys() == good.keys() and found["command"] == good["command"]
 
-    def no_sumo(record: dict[str, Any]) -> None:
-        raise TrafficError("SUMO is missing")
 
-    monkeypatch.setattr(Staged, "change", staticmethod(no_sumo))
-    with pytest.raises(TrafficError):
+@pytest.mark.parametrize("error", [TrafficError("SUMO is missing"), OSError("full"), MemoryError()])
+def test_what_is_missing_on_this_machine_is_not_a_bad_run(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(record: dict[str, Any]) -> None:
+        raise error
+
+    monkeypatch.setattr(Staged, "change", staticmethod(missing))
+    with pytest.raises(type(error)):
         check()
 
 

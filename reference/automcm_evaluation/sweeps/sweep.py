@@ -12,6 +12,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
@@ -23,6 +24,8 @@ from pydantic import TypeAdapter
 
 import automcm
 import automcm_evaluation
+import automcm_spec
+import automcm_traces
 from automcm_evaluation.framework.experiment import (
     Cell,
     Experiment,
@@ -38,7 +41,11 @@ FREE_BYTES = 50_000_000
 """Minimum free bytes on the disk to start a sweep."""
 CONNECT_S = 10.0
 """How long to wait for a Dask scheduler."""
-SOURCES = [Path(package.__path__[0]) for package in (automcm, automcm_evaluation)]
+SOURCES = [
+    Path(package.__path__[0])
+    for package in (automcm, automcm_evaluation, automcm_spec, automcm_traces)
+]
+ENDINGS = ".py", ".json", ".xml", ".osm"
 
 
 CELL = TypeAdapter(Cell)
@@ -51,11 +58,11 @@ def seed_of(name: str, values: Values, seed: int) -> int:
 
 
 def code() -> str:
-    """A hash of the reference's sources, as 12 hexadecimal digits.  Other sources may give other
+    """A hash of the sources, tables and maps, as 12 hexadecimal digits.  Others may give other
     results."""
     digest = hashlib.sha256()
     for folder in SOURCES:
-        for path in sorted(folder.rglob("*.py")):
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in ENDINGS):
             name = path.relative_to(folder.parent).as_posix()
             digest.update(name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:12]
@@ -95,10 +102,12 @@ def sweep(
 
     ``about`` is from ``header``.  ``workers``: processes; 0: one for each core.  ``scheduler``: a
     Dask scheduler's address, in place of processes of this machine.  ``again``: repeat
-    finished cells.  ``notify`` gets the number of finished cells and of all cells.
+    finished cells, and discard those of another sweep.  ``notify`` gets the number of finished
+    cells and of all cells.
 
     Raises ExperimentError for settings that cannot work, a folder with cells of another sweep,
-    and a missing extra; OSError for a folder that cannot be written or a disk that is full.
+    a missing extra, and a process that broke off; OSError for a folder that cannot be written or a
+    disk that is full.
     """
     settings = made.settings.model_validate(about["settings"])
     run = partial(run_cell, made.name, seed=about["seed"])
@@ -134,10 +143,16 @@ def finish(
         raise ExperimentError("the sweep contains a cell twice")
     kept = folder / "cells.ndjson"
     prepare(folder)
-    if again:
-        kept.unlink(missing_ok=True)
-    done = resumed(kept, about)
-    missing = [values for values, text in zip(wanted, texts, strict=True) if text not in done]
+    try:
+        done = resumed(kept, about)
+    except ExperimentError:
+        if not again:
+            raise
+        kept.unlink()
+        done = resumed(kept, about)
+    missing = [
+        values for values, text in zip(wanted, texts, strict=True) if again or text not in done
+    ]
     notify(len(wanted) - len(missing), len(wanted))
     ran = len(wanted) - len(missing)
     with kept.open("a", encoding="utf-8") as file:
@@ -166,7 +181,8 @@ def prepare(folder: Path) -> None:
 def resumed(kept: Path, about: Values) -> dict[str, Values]:
     """The results in a file by the cells' values, as text; the file can then be appended to.
 
-    A truncated last line is removed; a new file begins with ``about``.  Raises ExperimentError for
+    A truncated last line is removed; a new file begins with ``about``.  Of a repeated cell the last
+    result counts.  Raises ExperimentError for
     a file of another sweep, or for an invalid one.
     """
     data = kept.read_bytes() if kept.exists() else b""
@@ -223,7 +239,11 @@ def _results(
         try:
             while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    yield running.pop(future), future.result()
+                    if not isinstance(future.exception(), BrokenProcessPool):
+                        yield running.pop(future), future.result()
+                        continue
+                    begun = [canonical(values) for values in running.values()][:workers]
+                    raise ExperimentError(f"a process broke off; it ran {' or '.join(begun)}")
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -58,12 +58,13 @@ def check(values: Values, judge: Judge) -> Values:
 
     ``wrong`` has a line for everything that must not happen (traffic_run.wrong), for each log that
     is not allowed, for a repetition with other bytes, and for an exception that ended the run.
-    ``sha256`` is of the record and all logs.  Raises TrafficError without SUMO.
+    ``sha256`` is of the record and all logs.  Raises TrafficError without SUMO, OSError,
+    MemoryError.
     """
     run = drawn(values["scenario"], values["seed"])
     try:
         return _checked(run, values["twice"], judge)
-    except TrafficError:
+    except (TrafficError, OSError, MemoryError):  # of this machine, not of the run
         raise
     except Exception as error:
         return {

@@ -15,7 +15,7 @@ Shared = tuple[int, Heard]
 
 
 class TrafficService(McService):
-    """A service that takes a CAM which cannot count (ACT-5) without a step of the station.
+    """A service that takes a CAM which cannot count (ACT-5, ADV-9) without a step of the station.
 
     Such a CAM changes only the neighbours and counters.  Observers and the log leave it out: of a
     hundred stations each receives a thousand a second.  ``recent`` is shared by the services of a
@@ -39,7 +39,9 @@ class TrafficService(McService):
                 return super().receive(data, tx)
         generated_ms, heard = shared
         src, state = heard.station_id, self.station.state
-        if (state.phase == "ACTUATING" and src == state.peer) or src == self._own:
+        counts = state.phase == "ACTUATING" and src == state.peer
+        closes = state.phase == "ADVERTISING" and self._close_window is not None
+        if counts or closes or src == self._own:
             return super().receive(data, tx)
         self._time = max(self._time, now)
         statistics = self.statistics

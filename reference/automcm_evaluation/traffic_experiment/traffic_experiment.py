@@ -25,8 +25,7 @@ Block = tuple[
     Annotated[int, Field(ge=1, le=1000)],
 ]
 """A scenario, vehicles per km over all lanes, penetrations, and the number of seeds."""
-FOUR, MERGE = "lane-change-4", "merge"
-TENS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+FOUR, MERGE = traffic_page.ASKED, "merge"
 
 
 class Scale(Settings):
@@ -156,8 +155,8 @@ EXPERIMENT = Experiment(
         ),
         "full": Scale(
             blocks=tuple(
-                (FOUR, per_km, TENS, 20)
-                for per_km in (50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
+                (FOUR, per_km, traffic_page.ASKED_SHARES, traffic_page.ASKED_SEEDS)
+                for per_km in traffic_page.ASKED_DENSITIES
             ),
             crowds=20,
         ),

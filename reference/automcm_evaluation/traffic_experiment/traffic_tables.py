@@ -189,7 +189,7 @@ def _all_ask(crowds: Sequence[Cell]) -> list[Values]:
 def claims(report: Values) -> list[Claim]:
     """Further claims; the paper has no traffic."""
     s = report["summary"]
-    found = [_limit(s), _at_once(s)]
+    found = [_limit(s), *_at_once(s)]
     if s["road"]:
         found = [_travel(s), _no_collision(s), *found]
     return [*found, _bound(s)]
@@ -242,23 +242,27 @@ def _limit(s: Values) -> Claim:
     )
 
 
-def _at_once(s: Values) -> Claim:
+def _at_once(s: Values) -> list[Claim]:
     rows = [row for row in s["all_ask"] if row["spread_ms"] == 0]
+    if not rows:
+        return []
     here = ", ".join(f"{row['first']} of {row['of']} ({row['stations']})" for row in rows)
     later = ", ".join(f"{row['agreed']} of {row['of']}" for row in rows)
-    return beyond(
-        "stations that ask at the same moment agree in their first session",
-        f"{here} first sessions by number of stations; after retries, at the end of "
-        f"{rows[0]['run_ms'] / 1000:g} s: {later}",
-        all(row["first"] == row["of"] for row in rows),
-        "a bound station ignores every Advertisement (ADV-4)",
-    )
+    return [
+        beyond(
+            "stations that ask at the same moment agree in their first session",
+            f"{here} first sessions by number of stations; after retries, at the end of "
+            f"{rows[0]['run_ms'] / 1000:g} s: {later}",
+            all(row["first"] == row["of"] for row in rows),
+            "a bound station ignores every Advertisement (ADV-4)",
+        )
+    ]
 
 
 def _bound(s: Values) -> Claim:
     h = s["hazards"]
     return beyond(
         "every hazard in traffic is within B (T-2) and excused (S-5)",
-        f"{h['number']} hazards, the longest of {h['longest_ms']} ms; B = {h['bound_ms']} ms",
+        f"hazards: {h['number']}, the longest of {h['longest_ms']} ms; B = {h['bound_ms']} ms",
         not h["wrong"],
     )

@@ -152,10 +152,12 @@ class Intersection:
     def outcome(self, traffic: Traffic) -> dict[str, Any]:
         """As ``Scenario.outcome``."""
         turning = [user.number for user in traffic.users.values() if user.route == self.turning]
-        bodies, line = traffic.mover.bodies(), traffic.mover.line(self.turning)
-        place, *there = [self.ways()[0], *(bodies[n][:2] for n in turning if n in bodies)]
-        at, *now = line.project([place, *there]).s.tolist()
-        over = len(turning) - sum(s <= at + REACH_M for s in now)
+        bodies, over = traffic.mover.bodies(), 0
+        if turning:
+            line = traffic.mover.line(self.turning)
+            place, *there = [self.ways()[0], *(bodies[n][:2] for n in turning if n in bodies)]
+            at, *now = line.project([place, *there]).s.tolist()
+            over = len(turning) - sum(s <= at + REACH_M for s in now)
         words = ("requests", "asks nobody", "accepts to yield", "refuses to yield", "is through")
         return {"turn left": len(turning), "have turned": over} | counted(traffic, words)
 

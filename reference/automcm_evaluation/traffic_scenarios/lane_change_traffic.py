@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from automcm.links.clock import Clock
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.scenarios.occupancy import Perception
 from automcm_evaluation.traffic.mover import AUTOMATED, RoadUser
@@ -82,19 +81,21 @@ class LaneChanges:
         for number, driver in traffic.drivers.items():
             assert isinstance(driver, LaneChange)
             draw = traffic.setting.random(f"wishes/{number}")
-            self._wish(traffic.clock, driver, draw, SETTLED_S)
+            self._wish(traffic, number, driver, draw, SETTLED_S)
 
-    def _wish(self, clock: Clock, driver: LaneChange, draw: Random, after_s: float) -> None:
+    def _wish(
+        self, traffic: Traffic, number: int, driver: LaneChange, draw: Random, after_s: float
+    ) -> None:
         wait = after_s + draw.expovariate(1 / WISH_S)
 
         def signal() -> None:
             lanes = [n for n in (driver.vehicle.lane - 1, driver.vehicle.lane + 1)]
             lane = draw.choice([n for n in lanes if 0 <= n < self.lanes])
-            if not driver.busy:
+            if not driver.busy and number in traffic.mover.bodies():
                 driver.signal(lane)
-            self._wish(clock, driver, draw, 0.0)
+            self._wish(traffic, number, driver, draw, 0.0)
 
-        clock.at(clock.now() + round(wait * 1000), signal)
+        traffic.clock.at(traffic.clock.now() + round(wait * 1000), signal)
 
     def outcome(self, traffic: Traffic) -> dict[str, Any]:
         """As ``Scenario.outcome``: what the drivers have done."""

@@ -112,7 +112,7 @@ class Ramps:
         """As ``Scenario.outcome``."""
         ramp = [user.number for user in traffic.users.values() if user.lane == 0]
         bodies = traffic.mover.bodies()
-        over = sum(n in bodies and bodies[n].y > RIGHT_M + LANE_WIDTH / 2 for n in ramp)
+        over = sum(n not in bodies or bodies[n].y > RIGHT_M + LANE_WIDTH / 2 for n in ramp)
         words = (
             ("signals", "nobody is in the way", "is accepted", "gives up", "returns"),
             ("requests", "asks nobody", "accepts to yield", "refuses to yield"),
