@@ -272,6 +272,52 @@ def test_the_exit_code_says_what_is_left() -> None:
     assert of(killed, replace(KILLED, verdict="survived")).exit_code == 1
     assert of(killed, replace(KILLED, verdict="undecided")).exit_code == 1
     assert of(killed).exit_code == 3, "not complete"
+    stopped = of(killed, equal)
+    stopped.problems.append("interrupted")
+    assert stopped.exit_code == 3 and not stopped.complete
+
+
+def test_an_interrupted_run_returns_what_is_decided_and_continues(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Interrupted when one mutant is killed, and one waits for its comparison on the graphs."""
+    first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
+
+    def judge(
+        mutants: list[Mutant], _: object, __: object, rows: dict[str, Row], kept: Any, ___: object
+    ) -> None:
+        for mutant, verdict in zip(mutants, ("killed", "survived"), strict=False):
+            kept.keep(mutant.source, replace(KILLED, id=mutant.id, verdict=verdict), rows)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(certificate, "_judge", judge)
+    asked = Asked(tmp_path, jobs=1)
+    (tmp_path / ".tight-0.part.ab.new").write_text("the rest of a run that was killed")
+    rows, problems = certificate.run([first, second], asked, lambda text: None)
+    assert [row.id for row in rows] == [first.id] and problems == ["interrupted"]
+    assert [path.name for path in tmp_path.iterdir()] == ["decided.jsonl"]
+    kept = tmp_path / "decided.jsonl"
+    kept.write_bytes(kept.read_bytes() + b'{"key": "cut as it wro')
+    rows, problems = certificate.run([first], asked, lambda text: None)
+    assert [row.verdict for row in rows] == ["killed"] and problems == []
+    assert kept.read_bytes().endswith(b"\n")
+
+
+def test_a_kill_counts_though_a_later_part_is_late(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    parts = iter((Kills(["AMCM/STA/END/BI-04"]), Kills(late=True)))
+    left: list[float] = []
+
+    def kills(*_: object, until_s: float, **__: object) -> Kills:
+        left.append(until_s)
+        return next(parts)
+
+    monkeypatch.setattr(suite_kills, "kills", kills)
+    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
+    found = certificate.killed(["no"], Asked(tmp_path), tmp_path, ["ACT-3"])
+    assert found.cases == ["AMCM/STA/END/BI-04"]
+    assert certificate.UNTIL_S >= left[0] > left[1], "one limit for all parts"
 
 
 def test_the_page_is_made_of_the_certificate() -> None:

@@ -9,16 +9,18 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import os
 import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from multiprocessing.pool import Pool
 from pathlib import Path
 from subprocess import SubprocessError
+from time import monotonic
 from typing import Any, Literal
 
 import automcm_conformance
@@ -34,7 +36,6 @@ from automcm_maintenance.code_mutation.source_mutants import (
     SPECIFICATION,
     Generated,
     Mutant,
-    path_of,
 )
 from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
@@ -81,6 +82,12 @@ class Row:
     why: str = ""
     difference: Difference | None = None
 
+    @property
+    def decided(self) -> bool:
+        """Whether no further run can change the verdict."""
+        compared = self.verdict != "survived" or self.difference is not None
+        return self.verdict != "undecided" and compared
+
     def as_dict(self) -> dict[str, object]:
         """The row for the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
@@ -105,16 +112,16 @@ class Certificate:
 
     @property
     def complete(self) -> bool:
-        """Whether every selected mutant was run."""
-        return len(self.rows) == self.chosen
+        """Whether every selected mutant is decided."""
+        return not self.problems and len(self.rows) == self.chosen
 
     @property
     def exit_code(self) -> int:
         """0: all are killed or equivalent; 1: some survive or are undecided; 3: the run failed or
         is not complete."""
-        if self.counts()["survived"] or self.counts()["undecided"]:
-            return 1
-        return 3 if self.problems or not self.complete else 0
+        if not self.complete:
+            return 3
+        return 1 if self.counts()["survived"] or self.counts()["undecided"] else 0
 
     def as_dict(self) -> dict[str, object]:
         """The report for ``--json``; equal bytes in each run with the same seed."""
@@ -233,11 +240,11 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
     chosen = purposes.select(purposes.load(), asked.selectors)
     likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
     likely = likely if asked.cases else []
-    found = Kills()
+    found, due = Kills(), monotonic() + UNTIL_S
     parts = [(likely, False)] if likely else []
     parts += [(chosen, True)] if asked.cases else []
     for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
-        found = suite_kills.kills(
+        now = suite_kills.kills(
             command,
             _Worker.graphs,
             part,
@@ -245,10 +252,11 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
             enough=asked.cases,
             seed=asked.seed,
             limit_s=LIMIT_S,
-            until_s=UNTIL_S,
+            until_s=due - monotonic(),
             brief=part is likely,
             quick=quick,
         )
+        found = now if now.cases or not found.cases else found
         enough = 1 if quick else asked.cases
         if found.unstarted is not None or len(found.cases) >= enough > 0:
             break
@@ -264,6 +272,8 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     Interrupted, it returns what is decided.  Raises WalkError, OSError, OracleError.
     """
     asked.folder.mkdir(parents=True, exist_ok=True)
+    for unfinished in asked.folder.glob(".*.new"):  # of a run that was killed
+        unfinished.unlink()
     kept = _Kept(asked)
     rows: dict[str, Row] = {}
     problems: list[str] = []
@@ -278,7 +288,8 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
                 _judge(left, asked, pool, rows, kept, notify)
     except KeyboardInterrupt:
         problems.append("interrupted")
-    return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems
+    found = [rows[mutant.id] for mutant in mutants if mutant.id in rows]
+    return [row for row in found if row.decided or not problems], problems
 
 
 def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
@@ -309,7 +320,7 @@ def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
                 kept.keep(f"{sources}{edits}", row, rows)
     except KeyboardInterrupt:
         problems.append("interrupted")
-    return list(rows.values()), problems
+    return [row for row in rows.values() if row.decided or not problems], problems
 
 
 @contextmanager
@@ -359,12 +370,11 @@ def _judge(
                 open_.append(by_id[id_])
             kept.keep(by_id[id_].source, row, rows)
     open_ = [mutant for mutant in mutants if mutant in open_]
-    if open_:
-        if beside is not None:
-            beside.wait()
-        for walk in asked.walks:
-            notify(f"the reference itself on {walk[0]}")
-            equivalence.digests(asked.folder, walk)
+    if beside is not None:
+        beside.get()
+    for walk in asked.walks if open_ else ():
+        notify(f"the reference itself on {walk[0]}")
+        equivalence.digests(asked.folder, walk)
     walks = [_Job(mutant, asked, "graphs") for mutant in open_]
     for n, (id_, found, error) in enumerate(pool.imap_unordered(_work, walks)):
         notify(f"the graphs: {n + 1} of {len(open_)}")
@@ -397,7 +407,11 @@ class _Kept:
         self.suite = suite_hash(asked)
         self.known: dict[str, Any] = {}
         if self.path.exists():
-            for line in self.path.read_text(encoding="utf-8").splitlines():
+            data = self.path.read_bytes()
+            whole = data[: data.rfind(b"\n") + 1]
+            if whole != data:  # a run was killed as it wrote
+                os.truncate(self.path, len(whole))
+            for line in whole.splitlines():
                 entry = json.loads(line)
                 self.known[entry["key"]] = entry["row"]
 
@@ -407,14 +421,12 @@ class _Kept:
     def row(self, id_: str, source: str) -> Row | None:
         """The earlier result of a mutant, if it is final."""
         entry = self.known.get(self._key(id_, source))
-        if entry is None or (entry["verdict"] == "undecided"):
-            return None
-        if entry["verdict"] == "survived" and not entry["difference"]:
+        if entry is None:
             return None
         difference = entry.pop("difference")
         row = Row(class_=entry.pop("class"), **entry)
         row.difference = None if difference is None else Difference(**difference)
-        return row
+        return row if row.decided else None
 
     def keep(self, source: str, row: Row, rows: dict[str, Row]) -> None:
         rows[row.id] = row
@@ -425,11 +437,14 @@ class _Kept:
 
 def suite_hash(asked: Asked) -> str:
     """A hash of all that a verdict depends on, except the mutant."""
-    of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}"
+    of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors} {asked.walks}"
+    of += f" {[part.name for part in fields(Row)]}"
     found = hashlib.sha256((of + " quick" * asked.quick).encode())
     folders = (Path(automcm_conformance.__path__[0]), REFERENCE, SPECIFICATION, SUITE)
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".toml")):
             found.update(path.read_bytes())
-    found.update(path_of("parameters").read_bytes())
+    for path in equivalence.FILES:
+        found.update(path.read_bytes())
+    found.update(Path(suite_kills.__file__).read_bytes())
     return found.hexdigest()

@@ -21,7 +21,7 @@ from typing import Any
 from automcm_conformance.suite.purposes import Owners
 from automcm_maintenance.code_mutation.mutated_process import full_name
 from automcm_maintenance.code_mutation.source_mutants import MODULES, REFERENCE, Mutant, path_of
-from automcm_spec.graph.oracle import load
+from automcm_spec.graph import oracle
 from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
 from automcm_spec.support import children
 from automcm_spec.vocabulary.rules import kind
@@ -33,6 +33,13 @@ WALKS = (
     ("two-peers", 0),
 )
 """Graphs and variants, the fast ones first."""
+FILES = (
+    *(Path(__file__).with_name(f"{name}.py") for name in ("accepted_forms", "behaviour_digest")),
+    *(Path(__file__).with_name(f"{name}.py") for name in ("equivalence", "lockstep")),
+    *sorted(path_of("messages").parent.glob("*.py")),
+    Path(oracle.__file__),
+)
+"""What a comparison depends on, besides the reference and the graphs."""
 SECONDS = 7_200
 """Limit of real time for one walk."""
 
@@ -114,12 +121,12 @@ def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) ->
     """The cases with such inputs at such a state, which should find the difference."""
     if walk[0] not in GRAPHS:
         return set()
-    oracle = load(GRAPHS[walk[0]].path)
+    graph = oracle.load(GRAPHS[walk[0]].path)
     cases = set()
-    for answer in oracle.answers(found[0]):
-        value = oracle.inputs[answer.input]
+    for answer in graph.answers(found[0]):
+        value = graph.inputs[answer.input]
         if kind(value) in found[1]:
-            state = oracle.states[answer.state]
+            state = graph.states[answer.state]
             owner = owners.owner(state, value, answer.effect, answer.changes)
             cases |= {owner.id} if owner is not None else set()
     return cases
@@ -140,13 +147,7 @@ def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Diffe
 def _present() -> str:
     """A hash of the reference, the graphs and the walk."""
     found = hashlib.sha256(spec_hash().encode())
-    walk = [Path(__file__).with_name(name) for name in ("behaviour_digest.py", "accepted_forms.py")]
-    for path in [
-        *sorted(REFERENCE.rglob("*.py")),
-        path_of("messages"),
-        path_of("parameters"),
-        *walk,
-    ]:
+    for path in [*sorted(REFERENCE.rglob("*.py")), *FILES]:
         found.update(path.read_bytes())
     return found.hexdigest()[:12]
 

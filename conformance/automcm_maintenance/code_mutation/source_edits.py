@@ -23,7 +23,7 @@ TIMER_PLACES = frozenset(
 """Functions and tables about timers only; every mutant there has the class timer."""
 UNTOUCHED = frozenset(
     (
-        *("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict"),
+        *("__post_init__", "compiled", "_guard", "refusal", "short", "from_dict"),
         *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
         *("same", "required", "extent_mm"),
     )
@@ -48,11 +48,11 @@ _STATES = frozenset(("replace", "moved", "_replace", "State"))
 _EFFECT_CALLS = frozenset(
     (
         *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
-        *("MessageId", "answer", "refusal", "refuse_proposal", "cancels"),
+        *("answer", "refusal", "refuse_proposal", "cancels"),
         *("cancel_peer", "Effects", "Received"),
     )
 )
-_NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms", "lease_left_ms"))
+_NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms"))
 _SWAPPED: tuple[tuple[str, ...], ...] = (
     tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS),
     tuple(reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS),
@@ -147,7 +147,7 @@ def _faults(node: ast.AST, place: Place) -> Iterator[tuple[Class, ast.AST | str]
         case ast.Dict():
             yield from _entries(node, place)
         case ast.Tuple(elts=items) | ast.List(elts=items):
-            yield from _items(node, items)
+            yield from _items(items)
         case ast.Attribute(value, name):
             for twin in _twins(name):
                 class_: Class = "timer" if name.startswith(("t_", "backoff_m")) else "field"
@@ -254,9 +254,7 @@ def _entries(node: ast.Dict, place: Place) -> Iterator[tuple[Class, ast.AST | st
             yield ("table" if place.name.isupper() else "memory"), ast.Dict(keys, values)
 
 
-def _items(
-    node: ast.Tuple | ast.List, items: Sequence[ast.expr]
-) -> Iterator[tuple[Class, ast.AST | str]]:
+def _items(items: Sequence[ast.expr]) -> Iterator[tuple[Class, ast.AST | str]]:
     rows = [called(item) == "Row" for item in items]
     if not any(rows):
         return

@@ -35,7 +35,7 @@ MODULES = (
 )
 TYPES = frozenset(
     (
-        *("Phase", "Role", "Way", "Input", "Plan", "Decode", "Message", "Reliable", "MESSAGE"),
+        *("Way", "Input", "Plan", "Decode", "Message", "Reliable", "MESSAGE"),
         *("Version", "MessageType", "_MODELS", "Plain", "LIMIT", "Row", "Outcome", "Me"),
         *("Effects", "EntryKey", "Timer", "MACHINES", "NOBODY", "BROADCAST", "_GUARDS"),
         *("_RECEIVED", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
