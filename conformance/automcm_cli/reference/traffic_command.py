@@ -38,7 +38,12 @@ def traffic(
     ] = "lane-change",
     vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=1)] = 20,
     density: Annotated[
-        float, typer.Option(help="Vehicles per km of road, over all lanes.", min=1, max=1000)
+        float,
+        typer.Option(
+            help="Vehicles per km of road, over all lanes; merge: of the main lane.",
+            min=1,
+            max=1000,
+        ),
     ] = 40,
     penetration: Annotated[
         float, typer.Option(help="Share of vehicles with a station.", min=0, max=1)
