@@ -7,6 +7,8 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -301,6 +303,28 @@ def test_an_interrupted_run_returns_what_is_decided_and_continues(
     rows, problems = certificate.run([first], asked, lambda text: None)
     assert [row.verdict for row in rows] == ["killed"] and problems == []
     assert kept.read_bytes().endswith(b"\n")
+
+
+def test_who_has_survived_the_suite_is_only_compared_when_the_run_continues(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
+    asked, ran = Asked(tmp_path, jobs=1), []
+
+    class InTurn:
+        def imap_unordered(self, work: object, jobs: list[Any]) -> Iterator[object]:
+            for job in jobs:
+                ran.append((job.mutant.id, job.how))
+                yield job.mutant.id, None if job.how == "graphs" else Kills(), ""
+
+    monkeypatch.setattr(certificate, "_processes", lambda asked: nullcontext(InTurn()))
+    monkeypatch.setattr(equivalence, "digests", lambda folder, walk: folder)
+    survived = replace(KILLED, id=first.id, verdict="survived")
+    certificate._Kept(asked).keep(first.source, survived, {})
+    rows, _ = certificate.run([first, second], asked, lambda text: None)
+    assert ran == [(second.id, "if it differs"), (first.id, "graphs"), (second.id, "graphs")]
+    assert [row.verdict for row in rows] == ["equivalent", "equivalent"]
+    assert certificate.run([first, second], asked, lambda text: None)[0] == rows and len(ran) == 3
 
 
 def test_a_kill_counts_though_a_later_part_is_late(

@@ -279,9 +279,9 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     problems: list[str] = []
     for mutant in mutants:
         row = kept.row(mutant.id, mutant.source)
-        if row is not None:
+        if row is not None and (row.decided or row.verdict == "survived"):
             rows[mutant.id] = row
-    left = [mutant for mutant in mutants if mutant.id not in rows]
+    left = [m for m in mutants if m.id not in rows or not rows[m.id].decided]
     try:
         if left:
             with _processes(asked) as pool:
@@ -306,7 +306,8 @@ def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
         line = header[: header.index(m.edits[0][0])].count("\n") + 1
         file = "conformance/implementations/cpp/station.hpp"
         row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
-        rows[row.id] = kept.row(row.id, f"{sources}{m.edits}") or row
+        known = kept.row(row.id, f"{sources}{m.edits}")
+        rows[row.id] = known if known is not None and known.decided else row
         left += [(m, asked)] if rows[row.id] is row else []
     try:
         with _processes(asked) as pool:
@@ -341,13 +342,15 @@ def _judge(
     kept: _Kept,
     notify: Notify,
 ) -> None:
+    """Judge these mutants: those in ``rows`` have survived the suite, but not yet the graphs."""
     by_id = {mutant.id: mutant for mutant in mutants}
+    open_ = [mutant for mutant in mutants if mutant.id in rows]
+    mutants = [mutant for mutant in mutants if mutant.id not in rows]
     for walk in _looked_at(asked):
         notify(f"the reference itself on {walk[0]}")
         equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
     last: list[Mutant] = []
-    open_: list[Mutant] = []
     done = len(rows)
     beside = None
     hows: tuple[How, How] = "if it differs", "suite"
@@ -369,7 +372,7 @@ def _judge(
             if row.verdict == "survived":
                 open_.append(by_id[id_])
             kept.keep(by_id[id_].source, row, rows)
-    open_ = [mutant for mutant in mutants if mutant in open_]
+    open_ = [mutant for mutant in by_id.values() if mutant in open_]
     if beside is not None:
         beside.get()
     for walk in asked.walks if open_ else ():
@@ -419,14 +422,14 @@ class _Kept:
         return hashlib.sha256(f"{self.suite}{id_}{source}".encode()).hexdigest()
 
     def row(self, id_: str, source: str) -> Row | None:
-        """The earlier result of a mutant, if it is final."""
+        """The earlier result of a mutant."""
         entry = self.known.get(self._key(id_, source))
         if entry is None:
             return None
         difference = entry.pop("difference")
         row = Row(class_=entry.pop("class"), **entry)
         row.difference = None if difference is None else Difference(**difference)
-        return row if row.decided else None
+        return row
 
     def keep(self, source: str, row: Row, rows: dict[str, Row]) -> None:
         rows[row.id] = row
