@@ -238,3 +238,9 @@ def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
     assert len(good) > 1 and traffic_command.not_allowed(good) == []
     (line,) = traffic_command.not_allowed([bad])
     assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")
+
+
+@pytest.mark.parametrize("wrong", [("--scenario", "fly"), ("--seconds", "4000")])
+def test_the_bench_names_a_wrong_setting(wrong: tuple[str, str]) -> None:
+    answer = automcm("bench", "traffic", *wrong)
+    assert answer.exit_code == 2 and wrong[1] in answer.output

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, progress, write_json
+from automcm_cli.shared.common import Json, code_3, example, progress, usage, write_json
 from automcm_maintenance.benches import conform_bench, station_bench, trace_bench
 
 app = typer.Typer()
@@ -36,10 +36,15 @@ def traffic(
     Needs automcm[sumo].
     """
     from automcm_evaluation.traffic.mover import TrafficError
+    from automcm_evaluation.traffic.traffic_scenario import Setting
+    from automcm_evaluation.traffic_scenarios.traffic_run import Run
     from automcm_evaluation.traffic_scenarios.traffic_speed import measured
 
+    with usage(ValueError):
+        setting = Setting(vehicles=vehicles, density=density, duration_s=seconds)
+        run = Run(scenario=scenario, setting=setting, radio=radio)
     with code_3("bench traffic", TrafficError), progress() as notify:
-        report = measured(scenario, vehicles, density, radio, seconds, notify)
+        report = measured(run, notify)
     if write_json(json_, report):
         typer.echo(
             f"without stations  {report['alone']['simulated_per_s']:8.1f} simulated s a second"

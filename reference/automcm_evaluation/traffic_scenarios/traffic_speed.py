@@ -7,32 +7,26 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run
+from automcm_evaluation.traffic_scenarios.traffic_run import Run
 
 
-def measured(
-    scenario: str,
-    vehicles: int,
-    density: float,
-    radio: RadioName,
-    seconds: float,
-    notify: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
-    """The figures, without and with stations.  Raises TrafficError without SUMO or ns-3."""
-    setting = Setting(vehicles=vehicles, density=density, penetration=0.0, duration_s=seconds)
-    run = Run(scenario=scenario, setting=setting, radio=radio)
+def measured(run: Run, notify: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
+    """The figures of this run, without stations and with them.
+
+    Raises TrafficError without SUMO or ns-3.
+    """
+    seconds = run.setting.duration_s
     notify("without stations")
-    alone_s, _ = _timed(run)
+    alone_s, _ = _timed(_with(run, 0.0))
     report: dict[str, Any] = {
-        "vehicles": vehicles,
-        "radio": radio,
+        "vehicles": run.setting.vehicles,
+        "radio": run.radio,
         "alone": {"s": alone_s, "simulated_per_s": seconds / alone_s},
         "stations": {},
     }
     for share in (0.1, 1.0):
         notify(f"{share:.0%} with a station")
-        took_s, received = _timed(replace(run, setting=replace(setting, penetration=share)))
+        took_s, received = _timed(_with(run, share))
         report["stations"][str(share)] = {
             "s": took_s,
             "simulated_per_s": seconds / took_s,
@@ -40,6 +34,10 @@ def measured(
             "received": received,
         }
     return report
+
+
+def _with(run: Run, share: float) -> Run:
+    return replace(run, setting=replace(run.setting, penetration=share))
 
 
 def _timed(run: Run) -> tuple[float, int]:
