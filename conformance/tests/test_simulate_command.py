@@ -244,3 +244,17 @@ def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
 def test_the_bench_names_a_wrong_setting(wrong: tuple[str, str]) -> None:
     answer = automcm("bench", "traffic", *wrong)
     assert answer.exit_code == 2 and wrong[1] in answer.output
+
+
+def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    """The record lists the first five."""
+    hazards = {"bound_ms": 1540, "lengths": {"none": [3] * 6, "cam_loss": [40, 1541]}, "wrong": []}
+    record = {
+        "collisions": dict.fromkeys(COLLISIONS, 0),
+        "hazards": hazards,
+        "sessions": dict.fromkeys(("requested", "agreed", "completed"), 0),
+        "radio": {"sent_bytes": 1, "cam_age_ms": {"p95": 2}},
+        "outcome": {},
+    }
+    traffic_command._say(record, Path("out"), None)
+    assert "8, longest 1541 ms, 7 unexcused (S-5) or beyond B = 1540 ms" in capsys.readouterr().out

@@ -267,11 +267,12 @@ def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
         f"pedestrian, {collisions['all']} in all"
     )
     if record["hazards"] is not None:
-        lengths = [ms for each in record["hazards"]["lengths"].values() for ms in each]
+        lengths, bound = record["hazards"]["lengths"], record["hazards"]["bound_ms"]
+        found = [(ms, excuse) for excuse, each in lengths.items() for ms in each]
+        bad = sum(excuse == "none" or ms > bound for ms, excuse in found)
         typer.echo(
-            f"hazards     {len(lengths)}, longest {max(lengths, default=0)} ms, "
-            f"{len(record['hazards']['wrong'])} unexcused (S-5) or beyond "
-            f"B = {record['hazards']['bound_ms']} ms (T-2)"
+            f"hazards     {len(found)}, longest {max(found, default=(0,))[0]} ms, "
+            f"{bad} unexcused (S-5) or beyond B = {bound} ms (T-2)"
         )
     typer.echo(
         f"sessions    {sessions['requested']} requested, {sessions['agreed']} agreed, "
