@@ -16,16 +16,13 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
-import automcm
-import automcm_evaluation
-import automcm_spec
-import automcm_traces
 from automcm_evaluation.framework.experiment import (
     Cell,
     Experiment,
@@ -42,8 +39,10 @@ FREE_BYTES = 50_000_000
 CONNECT_S = 10.0
 """How long to wait for a Dask scheduler."""
 SOURCES = [
-    Path(package.__path__[0])
-    for package in (automcm, automcm_evaluation, automcm_spec, automcm_traces)
+    Path(folder)
+    for name in ("automcm", "automcm_evaluation", "automcm_spec", "automcm_traces")
+    if (spec := find_spec(name)) is not None
+    for folder in spec.submodule_search_locations or ()
 ]
 ENDINGS = ".py", ".json", ".xml", ".osm"
 

@@ -138,6 +138,10 @@ EXPERIMENT = Experiment(
                 (FOUR, 400.0, (0.1, 0.5, 1.0), 1),
                 (MERGE, 40.0, (0.5,), 1),
                 (MERGE, 40.0, (1.0,), 2),
+                *(
+                    (FOUR, per_km, traffic_page.ASKED_SHARES, 1)
+                    for per_km in traffic_page.ASKED_DENSITIES
+                ),
             ),
             receivers=(8, 32, 33, 48),
             stations=(2, 5, 10, 20),
