@@ -21,7 +21,8 @@ app = typer.Typer()
 Profile = Annotated[
     str,
     typer.Option(
-        help="quick (2 minutes for all) or standard (40 minutes); traffic also has coarse and full."
+        help="quick (2 minutes for all) or standard (over 24 minutes); traffic also has coarse "
+        "and full."
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed.  Equal seeds give equal files.", min=0)]

@@ -203,14 +203,14 @@ def not_allowed(logs: Sequence[Path]) -> list[str]:
 
 
 def _say_sweep(summary: dict[str, Any], bad: Sequence[dict[str, Any]]) -> None:
+    from automcm_evaluation.sweeps.traffic_sweep import COLUMNS
+
     table = table_of(
         "scenario", "runs", "twice", "requested", "agreed", "completed", "hazards", "longest, ms",
         "collisions: equipped", "by maneuver", "pedestrian", "all", "bad runs",
     )  # fmt: skip
     for name, row in summary.items():
-        found = ("runs", "twice", "requested", "agreed", "completed", "hazards", "longest_ms")
-        more = ("between_equipped", "by_maneuver", "with_pedestrian", "all", "wrong")
-        table.add_row(name, *(str(row[each]) for each in (*found, *more)))
+        table.add_row(name, *(str(row[each]) for each in COLUMNS))
     console_of(130).print(table)
     for run in bad:
         typer.echo(f"{run['scenario']}, seed {run['seed']}: {'; '.join(run['wrong'])}")
@@ -260,6 +260,8 @@ def _page(found: Traffic, out: Path) -> Path | None:
 
 
 def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
+    from automcm_evaluation.safety.hazard_measures import number_wrong
+
     collisions, sessions, radio = record["collisions"], record["sessions"], record["radio"]
     typer.echo(
         f"collisions  {collisions['between_equipped']} between equipped vehicles, "
@@ -267,12 +269,11 @@ def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
         f"pedestrian, {collisions['all']} in all"
     )
     if record["hazards"] is not None:
-        lengths, bound = record["hazards"]["lengths"], record["hazards"]["bound_ms"]
-        found = [(ms, excuse) for excuse, each in lengths.items() for ms in each]
-        bad = sum(excuse == "none" or ms > bound for ms, excuse in found)
+        lengths = [ms for each in record["hazards"]["lengths"].values() for ms in each]
         typer.echo(
-            f"hazards     {len(found)}, longest {max(found, default=(0,))[0]} ms, "
-            f"{bad} unexcused (S-5) or beyond B = {bound} ms (T-2)"
+            f"hazards     {len(lengths)}, longest {max(lengths, default=0)} ms, "
+            f"{number_wrong(record['hazards'])} unexcused (S-5) or beyond "
+            f"B = {record['hazards']['bound_ms']} ms (T-2)"
         )
     typer.echo(
         f"sessions    {sessions['requested']} requested, {sessions['agreed']} agreed, "

@@ -33,9 +33,9 @@ WALKS = (
     ("two-peers", 0),
 )
 """Graphs and variants, the fast ones first."""
+WALK = "accepted_forms", "behaviour_digest", "equivalence", "lockstep"
 FILES = (
-    *(Path(__file__).with_name(f"{name}.py") for name in ("accepted_forms", "behaviour_digest")),
-    *(Path(__file__).with_name(f"{name}.py") for name in ("equivalence", "lockstep")),
+    *(Path(__file__).with_name(f"{name}.py") for name in WALK),
     *sorted(path_of("messages").parent.glob("*.py")),
     Path(oracle.__file__),
 )

@@ -7,7 +7,7 @@ that session.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -78,6 +78,12 @@ def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[
         "with_hazard": sum(bool(run) for run in runs),
         "wrong": wrong[:5],
     }
+
+
+def number_wrong(hazards: Mapping[str, Any]) -> int:
+    """How many hazards of ``met`` are unexcused, or longer than their bound."""
+    lengths, b = hazards["lengths"], hazards["bound_ms"]
+    return sum(excuse == "none" or ms > b for excuse, each in lengths.items() for ms in each)
 
 
 class Watched(Simulation):

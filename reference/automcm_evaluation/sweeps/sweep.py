@@ -14,9 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from importlib import import_module
+from importlib import import_module, resources
 from importlib.metadata import version
-from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -39,10 +38,8 @@ FREE_BYTES = 50_000_000
 CONNECT_S = 10.0
 """How long to wait for a Dask scheduler."""
 SOURCES = [
-    Path(folder)
+    Path(str(resources.files(name)))
     for name in ("automcm", "automcm_evaluation", "automcm_spec", "automcm_traces")
-    if (spec := find_spec(name)) is not None
-    for folder in spec.submodule_search_locations or ()
 ]
 ENDINGS = ".py", ".json", ".xml", ".osm"
 

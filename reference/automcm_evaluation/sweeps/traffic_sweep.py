@@ -128,7 +128,7 @@ def summary(cells: Sequence[Cell]) -> dict[str, Values]:
     for cell in cells:
         row = found.setdefault(
             cell.values["scenario"],
-            dict.fromkeys(("runs", "twice", *SUMS, *COLLISIONS, "longest_ms", "wrong"), 0),
+            dict.fromkeys(COLUMNS, 0),
         )
         result = cell.result
         row["runs"] += 1
@@ -147,7 +147,7 @@ def page(report: Values) -> str:
     return markdown.page(
         PAGES / "traffic_sweep.md.j2",
         r=report,
-        columns=("runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"),
+        columns=COLUMNS,
         seconds=SECONDS,
         vehicles=VEHICLES,
         densities=DENSITIES,
@@ -158,3 +158,5 @@ def page(report: Values) -> str:
 
 SUMS = "requested", "agreed", "completed", "hazards"
 COLLISIONS = "between_equipped", "by_maneuver", "with_pedestrian", "all"
+COLUMNS = "runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"
+"""Of the summary of a scenario."""
