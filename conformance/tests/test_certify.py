@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -125,7 +126,7 @@ LINES = [
 ]
 
 
-def said(module: str, file: str) -> str:
+def ended(module: str, file: str) -> subprocess.CompletedProcess[str]:
     lines = "".join(json.dumps(line) + "\n" for line in LINES)
     command = [
         sys.executable,
@@ -134,7 +135,13 @@ def said(module: str, file: str) -> str:
         module,
         file,
     ]
-    return subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, input=lines, capture_output=True, text=True)
+
+
+def said(module: str, file: str) -> str:
+    done = ended(module, file)
+    done.check_returncode()
+    return done.stdout
 
 
 @pytest.mark.slow
@@ -146,6 +153,14 @@ def test_a_mutated_child_answers_differently(class_: str, tmp_path: Path) -> Non
     right, wrong = said("state", "-"), said(module, str(file))
     assert right.count("\n") == wrong.count("\n") == len(LINES) - 1
     assert right != wrong
+
+
+def test_a_child_that_computes_without_end_is_ended(tmp_path: Path) -> None:
+    file = tmp_path / "source.py"
+    loop = changed("station", "effects.append(self._step(Expiry(", "pass; ((Expiry(")
+    file.write_text(loop.source, encoding="utf-8")
+    done = ended("station", str(file))
+    assert done.returncode == -signal.SIGPROF and 0 < done.stdout.count("\n") < len(LINES) - 1
 
 
 def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None:
