@@ -215,8 +215,11 @@ def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     page = tmp_path / "sweep.md"
     automcm(*sweep, "--seeds", "4", "--page", str(page))
     assert f"code {report['code']}" in page.read_text()
+    assert "--scenario merge --scenario crossing --seeds 4 --page FILE`" in page.read_text()
     assert "| crossing | 4 | 1 |" in page.read_text()
     assert "Repeat it: `automcm simulate traffic --seed 3" in page.read_text()
+    automcm(*sweep, "--seeds", "2", "--seed", "1", "--twice-every", "0", "--page", str(page))
+    assert "--seeds 2 --seed 1 --twice-every 0 --page" in page.read_text()
     automcm(*sweep, "--seeds", "3", "--page", str(page))
     assert "No run was bad." in page.read_text()
     assert len(ran) == 8 and len((tmp_path / "cells.ndjson").read_text().splitlines()) == 9
@@ -253,8 +256,13 @@ def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[
         "collisions": dict.fromkeys(COLLISIONS, 0),
         "hazards": hazards,
         "sessions": dict.fromkeys(("requested", "agreed", "completed"), 0),
-        "radio": {"sent_bytes": 1, "cam_age_ms": {"p95": 2}},
+        "radio": {"sent_bytes": 1, "cam_age_ms": {"p95": 2}, "longest_delay_ms": 50},
         "outcome": {},
     }
     traffic_command._say(record, Path("out"), None)
-    assert "8, longest 1541 ms, 7 unexcused (S-5) or beyond B = 1540 ms" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "8, longest 1541 ms, 7 unexcused (S-5) or beyond B = 1540 ms" in said
+    assert "T-2 and TLC assume less than 50 ms" in said
+    record["radio"]["longest_delay_ms"] = 49
+    traffic_command._say(record, Path("out"), None)
+    assert "assume less" not in capsys.readouterr().out

@@ -53,6 +53,14 @@ def test_vehicles_agree_and_change_lanes_as_the_mover_drives_them() -> None:
         assert vehicle.s == mover.bodies()[number].x, "the application sees where the mover is"
 
 
+@pytest.mark.parametrize(("longest_ms", "bound"), [(40, 1540), (45, 1545), (70, 1549)])
+def test_t_2_s_bound_has_the_longest_delay_of_the_radio(longest_ms: int, bound: int) -> None:
+    made, _ = traffic(vehicles=2, duration_s=1)
+    made.run()
+    made.stations.links.longest_ms = longest_ms
+    assert made.record()["hazards"]["bound_ms"] == bound
+
+
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     logs, records = [], []
     for name in "ab":

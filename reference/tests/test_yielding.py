@@ -15,11 +15,13 @@ from automcm.service.application import Advertised, Proposal
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_evaluation.traffic_scenarios.intersection_traffic import (
+    APART_S,
     LINE,
     PLACE,
     REACH_M,
     LeftTurn,
 )
+from automcm_evaluation.traffic_scenarios.traffic_run import Run
 from automcm_evaluation.traffic_scenarios.yielding import (
     PATIENCE_MS,
     Yielding,
@@ -152,6 +154,38 @@ def test_a_left_turn_that_crept_over_its_line_still_waits(speed: float, goes: bo
     driver._goes = goes
     held = driver._held(0)
     assert held is None if goes else held == pytest.approx(-1.1)
+
+
+@pytest.mark.parametrize(("until_ms", "goes"), [(8_000, False), (15_000, True)])
+def test_a_target_is_in_the_conflict_before_it_arrives_at_the_place(
+    until_ms: int, goes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It drives evenly: 10 m from the place, it is in the conflict at 55 % of its time."""
+    v = Vehicle(1, PLACE[0] - 10.5, 0, 0.0, 12.0)
+    v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
+    x = PLACE[0] + 10 + 2.25
+    target = Track(x=x, y=PLACE[1], vx=-2.0, sigma=0.0, length=4.5, station_id=2)
+    driver = LeftTurn(v, True, lambda region, t0, t1: [target])
+    answers_of(driver)
+    driver.target = 2
+    monkeypatch.setattr(driver, "promised_ms", lambda: until_ms)
+    assert 0.55 * 8 < driver._through_s(8.25, 0.0) + APART_S < 0.55 * 15
+    assert driver._free(8.25) is goes
+    until = driver._until((0, until_ms), 0, 10.0)
+    assert until * (10.0 - REACH_M) / 10.0 == pytest.approx(until_ms, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [
+        ("lane-change", Setting(vehicles=300, density=20)),
+        ("merge", Setting(vehicles=500)),
+        ("crossing", Setting(vehicles=300)),
+    ],
+)
+def test_more_vehicles_than_the_road_has_room_for_are_refused(name: str, setting: Setting) -> None:
+    with pytest.raises(ValueError, match=r"^vehicles: .* (the road has 12 km|have no room for)"):
+        Run(scenario=name, setting=setting)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

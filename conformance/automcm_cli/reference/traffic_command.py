@@ -174,7 +174,15 @@ def traffic_sweep(
             )
     summary = traffic_sweep.summary(cells)
     bad = [cell.values | cell.result for cell in cells if cell.result["wrong"]]
-    report = {"seed": seed, "seeds": seeds, "code": code, "scenarios": summary, "bad": bad}
+    report = {
+        "seed": seed,
+        "seeds": seeds,
+        "twice_every": twice_every,
+        "only": [name for name in names if scenario],
+        "code": code,
+        "scenarios": summary,
+        "bad": bad,
+    }
     if page is not None:
         files.write(page, traffic_sweep.page(report))
     if write_json(json_, report):
@@ -261,6 +269,7 @@ def _page(found: Traffic, out: Path) -> Path | None:
 
 def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
     from automcm_evaluation.safety.hazard_measures import number_wrong
+    from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 
     collisions, sessions, radio = record["collisions"], record["sessions"], record["radio"]
     typer.echo(
@@ -281,8 +290,10 @@ def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
     )
     typer.echo(
         f"radio       {radio['sent_bytes']} bytes; 95 % of CAMs at most "
-        f"{radio['cam_age_ms']['p95']} ms old"
+        f"{radio['cam_age_ms']['p95']} ms old, longest delay {radio['longest_delay_ms']} ms"
     )
+    if record["hazards"] and radio["longest_delay_ms"] >= longest_delay(DEFAULTS):
+        typer.echo(f"            T-2 and TLC assume less than {longest_delay(DEFAULTS)} ms")
     for what, number in record["outcome"].items():
         typer.echo(f"  {number:4}  {what}")
     typer.echo(f"written     {out / 'record.json'}, the logs" + (f", {page}" if page else ""))

@@ -70,7 +70,7 @@ def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[
         {"seed": seed, "ms": h.length_ms, "excuse": h.excuse}
         for seed, run in zip(seeds, runs, strict=True)
         for h in run
-        if not h.excuse or h.length_ms > b
+        if is_wrong(h.excuse or "none", h.length_ms, b)
     ]
     return {
         "bound_ms": b,
@@ -80,10 +80,15 @@ def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[
     }
 
 
+def is_wrong(excuse: str, ms: int, b: int) -> bool:
+    """Whether a hazard is unexcused (S-5) or longer than its bound (T-2)."""
+    return excuse == "none" or ms > b
+
+
 def number_wrong(hazards: Mapping[str, Any]) -> int:
-    """How many hazards of ``met`` are unexcused, or longer than their bound."""
+    """How many hazards of ``met`` are wrong."""
     lengths, b = hazards["lengths"], hazards["bound_ms"]
-    return sum(excuse == "none" or ms > b for excuse, each in lengths.items() for ms in each)
+    return sum(is_wrong(excuse, ms, b) for excuse, each in lengths.items() for ms in each)
 
 
 class Watched(Simulation):

@@ -18,7 +18,8 @@ SECONDS = 30.0
 VEHICLES = 8, 14
 DENSITIES = 20.0, 40.0, 60.0, 80.0
 PENETRATIONS = 0.3, 0.6, 1.0
-LOSSES = 0.0, 0.1, 0.2, 0.3, 0.4
+LOSSES = 0.0, 0.2, 0.4, 0.6, 0.75
+"""At the highest CAMs are lost long enough for hazards."""
 
 Judge = Callable[[Sequence[Path]], list[str]]
 """A line for each log that the specification does not allow."""

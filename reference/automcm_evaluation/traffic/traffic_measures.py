@@ -16,6 +16,7 @@ from automcm.links.simulated_radio import Channel
 from automcm.scenarios.occupancy import HARDEST
 from automcm_evaluation.safety.hazard_measures import bound_ms, met
 from automcm_evaluation.traffic.mover import STEP_MS, Body, RoadUser
+from automcm_spec.vocabulary.parameters import longest_delay
 
 if TYPE_CHECKING:
     from automcm_evaluation.traffic.traffic import Traffic
@@ -33,7 +34,7 @@ AHEAD = 0.7
 """Cosine between headings from which on two drive in the same direction."""
 KINDS = ("equipped", "others")
 DELAY_MS = Channel().delay_ms[1]
-"""D of theorem T-2."""
+"""D of theorem T-2, unless the radio was slower."""
 
 
 class Histogram:
@@ -193,7 +194,9 @@ class Measures:
         hazards = None
         if parameters is not None:
             seed = traffic.setting.seed
-            hazards = met([seed], [stations.over()], bound_ms(parameters, DELAY_MS))
+            # From longest_delay on, T-2 does not hold.
+            d = min(max(DELAY_MS, links.longest_ms), longest_delay(parameters.known) - 1)
+            hazards = met([seed], [stations.over()], bound_ms(parameters, d))
         return {
             "collisions": {
                 "between_equipped": sum(c["equipped"] == 2 for c in self.collisions),

@@ -87,7 +87,8 @@ class LeftTurn(Yielding):
                 continue  # it has passed, or is behind the target
             arrives = earliest(left, track.vx)
             if track is target and promised:
-                arrives = max(arrives, (promised - self.service.now()) / 1000)
+                after = (promised - self.service.now()) / 1000
+                arrives = max(arrives, after * max(left, 0.0) / (left + REACH_M))
             if arrives < needed:
                 return False
         return True
@@ -109,10 +110,14 @@ class LeftTurn(Yielding):
         through_s = self._through_s(way, self.vehicle.speed)
         return now_ms + begins, now_ms + round(1000 * (through_s + 2 * APART_S))
 
-    def _until(self, window: tuple[int, int], arrives_ms: int) -> int:
-        """The vehicles before the target pass first; then this one starts from a stand."""
-        slot_s = self._through_s(REACH_M, 0.0) + 2 * APART_S
-        return max(window[1], arrives_ms + round(1000 * slot_s))
+    def _until(self, window: tuple[int, int], arrives_ms: int, way: float) -> int:
+        """The vehicles before the target pass first; then this one starts from a stand.
+
+        The target drives evenly, so that it is in the conflict before it arrives at the place.
+        """
+        now, slot_s = self.service.now(), self._through_s(REACH_M, 0.0) + 2 * APART_S
+        there = max(window[1], arrives_ms + round(1000 * slot_s))
+        return now + round((there - now) * way / max(way - REACH_M, 1.0))
 
     def _through(self, now_ms: int) -> bool:
         v = self.vehicle

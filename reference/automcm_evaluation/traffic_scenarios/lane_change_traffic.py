@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from random import Random
 from typing import Any
@@ -13,18 +12,17 @@ from automcm_evaluation.traffic.mover import AUTOMATED, RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic.traffic_vehicle import TrafficVehicle
+from automcm_evaluation.traffic_scenarios.stream import CAR_M, SPREAD, counted, equipped
 
 DESIRED_KMH = (90.0, 130.0)
 LORRY_KMH = 80.0
 LORRIES = 0.1
 """The share of lorries."""
-CAR_M, LORRY_M = (4.2, 5.0), (10.0, 18.0)
+LORRY_M = 10.0, 18.0
 LORRY_WIDTH_M = 2.5
 MEAN_M = (1 - LORRIES) * sum(CAR_M) / 2 + LORRIES * sum(LORRY_M) / 2
-SPREAD = (0.6, 1.4)
-"""Of the gaps at the start, as shares of their mean."""
-BEGIN_M = 100.0
-"""Where the last vehicle starts."""
+BEGIN_M, END_M = 100.0, 12_000.0
+"""Where the last vehicle starts, and where the road ends (networks/four_lanes.nod.xml)."""
 SETTLED_S = 3.0
 """The first wish comes after this time, when CAMs have been heard."""
 WISH_S = 20.0
@@ -51,6 +49,12 @@ class LaneChanges:
             for number in numbers[lane :: self.lanes]:
                 users.append(self._user(setting, draw, number, lane, rear, SPREAD[0] * gap))
                 rear = users[-1].at_m + gap * draw.uniform(*SPREAD)
+        furthest = max(user.at_m for user in users)
+        if furthest > END_M:
+            raise ValueError(
+                f"vehicles: {setting.vehicles} of {setting.density:g} per km take "
+                f"{furthest / 1000:.1f} km, the road has {END_M / 1000:g} km"
+            )
         return users
 
     def _user(
@@ -67,7 +71,7 @@ class LaneChanges:
             at_m=rear + length,
             speed=min(desired, LORRY_KMH / 3.6, allowed),
             desired=desired,
-            equipped=setting.random(f"equipped/{number}").random() < setting.penetration,
+            equipped=equipped(setting, number),
             length=length,
             width=LORRY_WIDTH_M if lorry else 1.8,
         )
@@ -99,13 +103,7 @@ class LaneChanges:
 
     def outcome(self, traffic: Traffic) -> dict[str, Any]:
         """As ``Scenario.outcome``: what the drivers have done."""
-        found: Counter[str] = Counter()
-        for driver in traffic.drivers.values():
-            assert isinstance(driver, LaneChange)
-            found.update(
-                word for _, what in driver.story for word in KINDS if what.startswith(word)
-            )
-        return {word: found[word] for word in KINDS}
+        return counted(traffic, KINDS)
 
 
 KINDS = (

@@ -82,7 +82,7 @@ class Ramps:
             first_m=FIRST_M[0],
             gap_m=max(gap, RAMP_GAP_M),
             desired=RAMP_M_S,
-            equipped=False if self.unit else None,
+            stations=not self.unit,
         )
 
     def driver(self, user: RoadUser, vehicle: TrafficVehicle, sees: Perception) -> Driver:

@@ -9,9 +9,14 @@ from automcm_evaluation.traffic.mover import AUTOMATED, RoadUser
 from automcm_evaluation.traffic.traffic import Traffic
 from automcm_evaluation.traffic.traffic_scenario import Setting
 
-CAR_M = (4.2, 5.0)
-SPREAD = (0.6, 1.4)
+CAR_M = 4.2, 5.0
+SPREAD = 0.6, 1.4
 """Of the gaps at the start, as shares of their mean."""
+
+
+def equipped(setting: Setting, number: int) -> bool:
+    """Whether this vehicle is among the share with stations."""
+    return setting.random(f"equipped/{number}").random() < setting.penetration
 
 
 def stream(
@@ -23,20 +28,24 @@ def stream(
     first_m: float,
     gap_m: float,
     desired: tuple[float, float],
-    equipped: bool | None = None,
+    stations: bool = True,
 ) -> list[RoadUser]:
     """Cars behind each other, the first at ``first_m``, as dense as the edge from 0 m allows.
 
-    ``equipped``: None, by the penetration.
+    ``stations``: whether some are equipped, by the penetration.  Raises ValueError if there is no
+    room.
     """
     draw, users, at = setting.random(f"stream/{route[0]}/{lane}"), [], first_m
     longest = (first_m - CAR_M[1]) / (SPREAD[1] * max(len(numbers), 1))
     gap = min(max(gap_m, CAR_M[1] + 2 * AUTOMATED.standstill), longest)
+    if SPREAD[0] * gap < CAR_M[1]:
+        raise ValueError(
+            f"vehicles: the {first_m:.0f} m of {route[0]} have no room for {len(numbers)}"
+        )
     for number in numbers:
         wishes, length = draw.uniform(*desired), draw.uniform(*CAR_M)
         least = SPREAD[0] * gap - CAR_M[1] - AUTOMATED.standstill
         allowed = max(0.0, least / (1.2 * AUTOMATED.headway_s))
-        by_share = setting.random(f"equipped/{number}").random() < setting.penetration
         users.append(
             RoadUser(
                 number=number,
@@ -45,7 +54,7 @@ def stream(
                 at_m=at,
                 speed=min(wishes, desired[0], allowed),
                 desired=wishes,
-                equipped=by_share if equipped is None else equipped,
+                equipped=stations and equipped(setting, number),
                 length=length,
             )
         )

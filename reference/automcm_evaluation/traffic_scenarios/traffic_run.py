@@ -36,11 +36,13 @@ class Run:
     """Of the radio ``even``."""
     codec: str = "json"
 
+    # Raises ValueError, also for more vehicles than the road has room for.
     def __post_init__(self) -> None:
         if self.scenario not in SCENARIOS:
             raise ValueError(f"scenario must be one of {', '.join(SCENARIOS)}, not {self.scenario}")
         if not 0 <= self.loss <= 1:
             raise ValueError(f"loss must be from 0 to 1, not {self.loss}")
+        SCENARIOS[self.scenario].users(self.setting)
 
     def drive(
         self,

@@ -100,8 +100,8 @@ class Yielding(Coordinated):
         """When others should not arrive, from and until, ms; None: nobody need yield."""
         return None
 
-    def _until(self, window: tuple[int, int], arrives_ms: int) -> int:
-        """When the target that would arrive in the window may arrive, ms."""
+    def _until(self, window: tuple[int, int], arrives_ms: int, way: float) -> int:
+        """When the target may arrive, ms.  It is ``way`` m away, and would arrive in the window."""
         return window[1]
 
     def choose(self, choice: Choice) -> None:
@@ -118,7 +118,7 @@ class Yielding(Coordinated):
         target = min(there, key=lambda s: (there[s][1], s))
         way, arrives = there[target]
         left = way * (arrives - now) / (arrives - choice.planned[target].t0)
-        until = self._until(window, arrives)
+        until = self._until(window, arrives, left)
         self._asked = target, until
         lease_ms = until - now + round(MARGIN_S * 1000)
         self._note(f"asks {target} to arrive after {until - now} ms")
