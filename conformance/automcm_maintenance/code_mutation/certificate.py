@@ -234,8 +234,8 @@ def _looked_at(asked: Asked) -> list[tuple[str, int]]:
 
 
 def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
-    """Hold the suite against one station: first the cases that ``first`` selects, then the quick
-    part of all cases; the whole suite only if none of these fails.  Only the quick part, if asked.
+    """Hold the suite against one station: first the cases that ``first`` selects; if none of these
+    fails, the quick part of all cases, and then the whole suite.  Only the quick part, if asked.
     """
     chosen = purposes.select(purposes.load(), asked.selectors)
     likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
@@ -244,7 +244,7 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
     parts = [(likely, False)] if likely else []
     parts += [(chosen, True)] if asked.cases else []
     for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
-        now = suite_kills.kills(
+        found = suite_kills.kills(
             command,
             _Worker.graphs,
             part,
@@ -256,9 +256,7 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
             brief=part is likely,
             quick=quick,
         )
-        found = now if now.cases or not found.cases else found
-        enough = 1 if quick else asked.cases
-        if found.unstarted is not None or len(found.cases) >= enough > 0:
+        if found.unstarted is not None or found.cases:
             break
     return found
 
