@@ -163,14 +163,18 @@ def test_a_target_is_in_the_conflict_before_it_arrives_at_the_place(
     """It drives evenly: 10 m from the place, it is in the conflict at 55 % of its time."""
     v = Vehicle(1, PLACE[0] - 10.5, 0, 0.0, 12.0)
     v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
-    x = PLACE[0] + 10 + 2.25
-    target = Track(x=x, y=PLACE[1], vx=-2.0, sigma=0.0, length=4.5, station_id=2)
-    driver = LeftTurn(v, True, lambda region, t0, t1: [target])
+    seen = [
+        Track(x=PLACE[0] + x + 2.25, y=PLACE[1], vx=-2.0, sigma=0.0, length=4.5, station_id=2)
+        for x in (0.0, 10.0)
+    ]
+    driver = LeftTurn(v, True, lambda region, t0, t1: seen[-1:])
     answers_of(driver)
     driver.target = 2
     monkeypatch.setattr(driver, "promised_ms", lambda: until_ms)
     assert 0.55 * 8 < driver._through_s(8.25, 0.0) + APART_S < 0.55 * 15
     assert driver._free(8.25) is goes
+    seen.pop()
+    assert not driver._free(8.25), "it has arrived at the place"
     until = driver._until((0, until_ms), 0, 10.0)
     assert until * (10.0 - REACH_M) / 10.0 == pytest.approx(until_ms, abs=1)
 

@@ -88,7 +88,7 @@ class LeftTurn(Yielding):
             arrives = earliest(left, track.vx)
             if track is target and promised:
                 after = (promised - self.service.now()) / 1000
-                arrives = max(arrives, after * max(left, 0.0) / (left + REACH_M))
+                arrives = max(arrives, after * left / (left + REACH_M) if left > 0 else 0.0)
             if arrives < needed:
                 return False
         return True
