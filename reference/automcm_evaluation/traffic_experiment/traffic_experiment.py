@@ -114,6 +114,12 @@ def run(values: Values, seed: int) -> Values:
     return traffic_cell.run(values, seed)
 
 
+def _grid(seeds: int) -> tuple[Block, ...]:
+    """What was asked for, with so many seeds."""
+    shares = traffic_page.ASKED_SHARES
+    return tuple((FOUR, per_km, shares, seeds) for per_km in traffic_page.ASKED_DENSITIES)
+
+
 EXPERIMENT = Experiment(
     name="traffic",
     title="Traffic at scale",
@@ -128,25 +134,7 @@ EXPERIMENT = Experiment(
             stations=(2, 5),
             crowds=1,
         ),
-        "standard": Scale(
-            blocks=(
-                (FOUR, 50.0, (0.1,), 1),
-                (FOUR, 50.0, (0.5, 1.0), 2),
-                (FOUR, 100.0, (0.1, 1.0), 1),
-                (FOUR, 100.0, (0.5,), 2),
-                (FOUR, 200.0, (0.1, 0.5, 1.0), 1),
-                (FOUR, 400.0, (0.1, 0.5, 1.0), 1),
-                (MERGE, 40.0, (0.5,), 1),
-                (MERGE, 40.0, (1.0,), 2),
-                *(
-                    (FOUR, per_km, traffic_page.ASKED_SHARES, 1)
-                    for per_km in traffic_page.ASKED_DENSITIES
-                ),
-            ),
-            receivers=(8, 32, 33, 48),
-            stations=(2, 5, 10, 20),
-            crowds=1,
-        ),
+        "standard": Scale(blocks=((MERGE, 40.0, (0.5, 1.0), 4), *_grid(4)), crowds=1),
         "coarse": Scale(
             blocks=(
                 (FOUR, 50.0, (0.1, 0.5, 1.0), 3),
@@ -157,13 +145,7 @@ EXPERIMENT = Experiment(
                 (FOUR, 400.0, (1.0,), 1),
             )
         ),
-        "full": Scale(
-            blocks=tuple(
-                (FOUR, per_km, traffic_page.ASKED_SHARES, traffic_page.ASKED_SEEDS)
-                for per_km in traffic_page.ASKED_DENSITIES
-            ),
-            crowds=20,
-        ),
+        "full": Scale(blocks=_grid(traffic_page.ASKED_SEEDS), crowds=20),
     },
     cells=cells,
     run=run,
