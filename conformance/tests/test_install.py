@@ -149,7 +149,7 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("experiment arrival --set sumo=true", "against a lane change at once"),
         _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
     ),
-    "radio": (_python(CHANNEL, "receiver=2"),),
+    "radio": (_python(CHANNEL, "receivers=[2]"),),
     "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
 }
 
@@ -217,13 +217,19 @@ class Environment:
         self, *command: str, needs: tuple[str, ...], stdin: str = ""
     ) -> subprocess.CompletedProcess[str]:
         """A command where only this is installed, in a folder with a log."""
-        lib = self._folder / "-".join(("lib", *needs))
+        # No brackets: ns-3 searches its libraries with patterns.
+        lib = self._folder / "-".join(("lib", *needs)).replace("[", "-").replace("]", "")
         if not lib.exists():
             lib.mkdir()
-            for name, one in self.needed(*needs).items():
-                tops = {path.parts[0] for path in one.files or () if name != "automcm"}
-                for top in tops - {"..", "__pycache__"}:
-                    (lib / top).symlink_to(one.locate_file(top))  # type: ignore[arg-type]
+            # Two distributions may share a folder, as cppyy-backend and cppyy-cling do.
+            tops = {
+                path.parts[0]: one.locate_file(path.parts[0])
+                for name, one in self.needed(*needs).items()
+                for path in one.files or ()
+                if name != "automcm" and path.parts[0] not in {"..", "__pycache__"}
+            }
+            for top, there in tops.items():
+                (lib / top).symlink_to(there)  # type: ignore[arg-type]
         env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         env |= {"PATH": f"{self._venv / 'bin'}:/usr/bin:/bin", "PYTHONPATH": str(lib)}
         cwd = tempfile.mkdtemp(dir=self._folder)
