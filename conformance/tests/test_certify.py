@@ -180,7 +180,8 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
 def walked(mutant: Mutant, folder: Path) -> Difference | None:
     file = folder / "source.py"
     file.write_text(mutant.source, encoding="utf-8")
-    return equivalence.difference(mutant, file, folder, TIGHT)
+    found = equivalence.first_difference(mutant, file, folder, TIGHT)
+    return None if found is None else equivalence.shown(mutant, file, found)
 
 
 @pytest.mark.slow
@@ -203,24 +204,36 @@ def test_a_difference_is_found_and_shown(folder: Path) -> None:
     assert "finished" in found.right and "finished" not in found.wrong
 
 
-def test_a_mutant_that_ends_the_first_look_goes_to_the_suite(
+def test_a_mutant_that_ends_the_first_look_may_not_be_equivalent(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def ended(*_: object) -> None:
         raise equivalence.WalkError("exit code 1: MemoryError")
 
-    monkeypatch.setattr(equivalence, "differs", ended)
+    monkeypatch.setattr(equivalence, "first_difference", ended)
     mutant = changed("station", "return min(armed(", "return max(armed(")
-    assert certificate._first_look(mutant, tmp_path, Asked(tmp_path)) == set()
+    job = certificate._look(certificate._Job(mutant, Asked(tmp_path)))
+    assert not job.same and job.error == "exit code 1: MemoryError"
 
 
 @pytest.mark.parametrize(
-    ("quick", "parts"), [(False, [(1, False), (0, True), (0, False)]), (True, [(0, True)])]
+    ("first", "quick", "parts"),
+    [
+        (["ACT-3"], False, [(1, False), (0, True), (0, False)]),
+        ([], False, [(0, True), (0, False)]),
+        (None, False, [(0, False)]),
+        (["ACT-3"], True, [(0, True)]),
+    ],
 )
 def test_what_is_run_until_a_case_fails(
-    quick: bool, parts: list[tuple[int, bool]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    first: list[str] | None,
+    quick: bool,
+    parts: list[tuple[int, bool]],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    """First the likely cases (1), then the quick part of all (0), then all; or that part alone."""
+    """First the likely cases (1), then the quick part of all (0), then all; if none is expected to
+    fail (None), all at once; or that part alone."""
     ran: list[tuple[int, bool]] = []
 
     def kills(
@@ -231,7 +244,7 @@ def test_what_is_run_until_a_case_fails(
 
     monkeypatch.setattr(suite_kills, "kills", kills)
     monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
-    certificate.killed(["no"], Asked(tmp_path, quick=quick), tmp_path, ["ACT-3"])
+    certificate.killed(["no"], Asked(tmp_path, quick=quick), tmp_path, first)
     assert ran == parts
     kept = certificate.suite_hash(Asked(tmp_path, quick=quick))
     assert (kept == certificate.suite_hash(Asked(tmp_path))) is not quick
@@ -297,13 +310,13 @@ def test_the_exit_code_says_what_is_left() -> None:
 def test_an_interrupted_run_returns_what_is_decided_and_continues(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Interrupted when one mutant is killed, and one waits for its comparison on the graphs."""
+    """Interrupted when one mutant is killed, and one could not be judged."""
     first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
 
     def judge(
         mutants: list[Mutant], _: object, __: object, rows: dict[str, Row], kept: Any, ___: object
     ) -> None:
-        for mutant, verdict in zip(mutants, ("killed", "survived"), strict=False):
+        for mutant, verdict in zip(mutants, ("killed", "undecided"), strict=False):
             kept.keep(mutant.source, replace(KILLED, id=mutant.id, verdict=verdict), rows)
         raise KeyboardInterrupt
 
@@ -320,26 +333,34 @@ def test_an_interrupted_run_returns_what_is_decided_and_continues(
     assert kept.read_bytes().endswith(b"\n")
 
 
-def test_who_has_survived_the_suite_is_only_compared_when_the_run_continues(
+def test_what_may_be_equivalent_comes_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
     asked, ran = Asked(tmp_path, jobs=1), []
+    found = equivalence.Found(("tight", 0), 1, ["restart"])
 
     class InTurn:
+        def map_async(self, *_: object) -> InTurn:
+            return self
+
+        def get(self) -> None:
+            pass
+
         def imap_unordered(self, work: object, jobs: list[Any]) -> Iterator[object]:
             for job in jobs:
-                ran.append((job.mutant.id, job.how))
-                yield job.mutant.id, None if job.how == "graphs" else Kills(), ""
+                ran.append((work, job.mutant.id))
+                looked = replace(job, found=found if job.mutant == first else None)
+                killed = replace(KILLED, id=job.mutant.id, verdict="killed")
+                yield looked if work is certificate._look else killed
 
     monkeypatch.setattr(certificate, "_processes", lambda asked: nullcontext(InTurn()))
     monkeypatch.setattr(equivalence, "digests", lambda folder, walk: folder)
-    survived = replace(KILLED, id=first.id, verdict="survived")
-    certificate._Kept(asked).keep(first.source, survived, {})
     rows, _ = certificate.run([first, second], asked, lambda text: None)
-    assert ran == [(second.id, "if it differs"), (first.id, "graphs"), (second.id, "graphs")]
-    assert [row.verdict for row in rows] == ["equivalent", "equivalent"]
-    assert certificate.run([first, second], asked, lambda text: None)[0] == rows and len(ran) == 3
+    look, work = certificate._look, certificate._work
+    assert ran == [(look, first.id), (look, second.id), (work, second.id), (work, first.id)]
+    assert [row.verdict for row in rows] == ["killed", "killed"]
+    assert certificate.run([first, second], asked, lambda text: None)[0] == rows and len(ran) == 4
 
 
 def test_the_parts_of_the_suite_end_with_a_kill_and_share_one_limit(

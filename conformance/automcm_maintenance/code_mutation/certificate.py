@@ -29,7 +29,7 @@ from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.suite import purposes
 from automcm_conformance.suite.suite_run import Graphs
 from automcm_maintenance.code_mutation import cpp_station, equivalence, suite_kills
-from automcm_maintenance.code_mutation.equivalence import WALKS, Difference, WalkError
+from automcm_maintenance.code_mutation.equivalence import WALKS, Difference, Found, WalkError
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_mutants import (
     REFERENCE,
@@ -85,8 +85,7 @@ class Row:
     @property
     def decided(self) -> bool:
         """Whether no further run can change the verdict."""
-        compared = self.verdict != "survived" or self.difference is not None
-        return self.verdict != "undecided" and compared
+        return self.verdict != "undecided"
 
     def as_dict(self) -> dict[str, object]:
         """The row for the file."""
@@ -145,17 +144,20 @@ class Certificate:
 # -- in a worker
 
 
-How = Literal["if it differs", "suite", "graphs"]
-"""The suite, but only if a first look shows a difference; the suite; a comparison."""
-
-
 @dataclass(frozen=True)
 class _Job:
-    """A mutant of the reference, for a worker."""
+    """A mutant of the reference, for a worker, and what the first look has ``found``: a difference,
+    none, or an ``error`` that ended it."""
 
     mutant: Mutant
     asked: Asked
-    how: How
+    found: Found | None = None
+    error: str = ""
+
+    @property
+    def same(self) -> bool:
+        """Whether it may be equivalent."""
+        return self.found is None and not self.error
 
 
 class _Worker:
@@ -175,32 +177,60 @@ def _end(*_: object) -> None:
     raise SystemExit(1)
 
 
-def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
-    """The mutant's id, the finding (None: no difference), and an error."""
-    mutant, asked = job.mutant, job.asked
+def _compared(job: _Job, walks: Sequence[tuple[str, int]], folder: Path) -> _Job:
+    """The job after a comparison on these graphs, with the mutant's source in ``folder``."""
+    try:
+        source, digests = _source(job.mutant, folder), job.asked.folder
+        return replace(job, found=equivalence.first_difference(job.mutant, source, digests, walks))
+    except (WalkError, OSError) as error:
+        return replace(job, error=str(error))
+
+
+def _source(mutant: Mutant, folder: Path) -> Path:
+    return folder / f"{mutant.module}.py"
+
+
+def _look(job: _Job) -> _Job:
+    """Compare a mutant on the small graphs."""
     with scratch.folder("certify") as folder:
-        source = folder / f"{mutant.module}.py"
-        source.write_text(mutant.source, encoding="utf-8")
+        _source(job.mutant, folder).write_text(job.mutant.source, encoding="utf-8")
+        return _compared(job, _looked_at(job.asked), folder)
+
+
+def _work(job: _Job) -> Row:
+    """Compare a mutant on the other graphs if it may be equivalent, then hold the suite against it.
+
+    Where it differs says which cases should kill it.
+    """
+    m, asked = job.mutant, job.asked
+    row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
+    with scratch.folder("certify") as folder:
+        source = _source(m, folder)
+        source.write_text(m.source, encoding="utf-8")
+        if job.same:
+            looked = _looked_at(asked)
+            job = _compared(job, [walk for walk in asked.walks if walk not in looked], folder)
+        child = "automcm_maintenance.code_mutation.mutated_process"
+        command = [sys.executable, "-m", child, m.module, str(source)]
+        hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
         try:
-            if job.how != "graphs":
-                command = [
-                    sys.executable,
-                    "-m",
-                    "automcm_maintenance.code_mutation.mutated_process",
-                    mutant.module,
-                    str(source),
-                ]
-                hint = set() if job.how == "suite" else _first_look(mutant, source, asked)
-                if hint is None:
-                    return mutant.id, None, ""
-                return mutant.id, killed(command, asked, folder, sorted(hint)), ""
-            found = equivalence.difference(mutant, source, asked.folder, asked.walks)
-            if found is not None and found.graph in GRAPHS:
-                silent = equivalence.hidden(mutant, source, asked.walks)
-                found = replace(found, hidden=silent)
-            return mutant.id, found, ""
+            kills = killed(command, asked, folder, None if job.same else sorted(hint))
+            _set_verdict(row, kills)
+            if row.verdict == "survived":
+                _explain(row, job, source)
         except (WalkError, OSError) as error:
-            return mutant.id, None, str(error)
+            row.verdict, row.why = "undecided", str(error)
+    return row
+
+
+def _explain(row: Row, job: _Job, source: Path) -> None:
+    """The verdict of a mutant that the suite does not kill.  Raises WalkError."""
+    if job.found is None:
+        row.verdict, row.why = ("undecided", job.error) if job.error else ("equivalent", "")
+    elif job.found.walk[0] in GRAPHS and equivalence.hidden(job.mutant, source, job.asked.walks):
+        row.verdict, row.why = "equivalent", HIDDEN
+    else:
+        row.difference = equivalence.shown(job.mutant, source, job.found)
 
 
 def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None, str]:
@@ -214,35 +244,23 @@ def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None,
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
 
-def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
-    """The cases that should find it; None without a difference on the graphs of the quick look.
-
-    A mutant that does not survive the look, such as one that allocates without end, differs.
-    """
-    for walk in _looked_at(asked):
-        try:
-            found = equivalence.differs(mutant, source, asked.folder, walk)
-        except WalkError:
-            return set()
-        if found is not None:
-            return equivalence.hint(walk, found, _Worker.graphs.owners)
-    return None
-
-
 def _looked_at(asked: Asked) -> list[tuple[str, int]]:
     return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0))]
 
 
-def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
+def killed(
+    command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] | None
+) -> Kills:
     """Hold the suite against one station: first the cases that ``first`` selects; if none of these
-    fails, the quick part of all cases, and then the whole suite.  Only the quick part, if asked.
+    fails, the quick part of all cases, and then the whole suite; this at once if no case is
+    expected to fail (None).  Only the quick part, if asked.
     """
     chosen = purposes.select(purposes.load(), asked.selectors)
-    likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
-    likely = likely if asked.cases else []
+    stops = asked.cases and first is not None
+    likely = [p for p in chosen if first and (p.id in first or set(p.rules) & set(first))]
     found, due = Kills(), monotonic() + UNTIL_S
-    parts = [(likely, False)] if likely else []
-    parts += [(chosen, True)] if asked.cases else []
+    parts = [(likely, False)] if likely and stops else []
+    parts += [(chosen, True)] if stops else []
     for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
         found = suite_kills.kills(
             command,
@@ -277,9 +295,9 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     problems: list[str] = []
     for mutant in mutants:
         row = kept.row(mutant.id, mutant.source)
-        if row is not None and (row.decided or row.verdict == "survived"):
+        if row is not None and row.decided:
             rows[mutant.id] = row
-    left = [m for m in mutants if m.id not in rows or not rows[m.id].decided]
+    left = [mutant for mutant in mutants if mutant.id not in rows]
     try:
         if left:
             with _processes(asked) as pool:
@@ -340,53 +358,25 @@ def _judge(
     kept: _Kept,
     notify: Notify,
 ) -> None:
-    """Judge these mutants: those in ``rows`` have survived the suite, but not yet the graphs."""
-    by_id = {mutant.id: mutant for mutant in mutants}
-    open_ = [mutant for mutant in mutants if mutant.id in rows]
-    mutants = [mutant for mutant in mutants if mutant.id not in rows]
-    for walk in _looked_at(asked):
+    """Judge these mutants.  Those that may be equivalent come first, because they take minutes."""
+    looked = _looked_at(asked)
+    for walk in looked:
         notify(f"the reference itself on {walk[0]}")
         equivalence.digests(asked.folder, walk)
-    # Those that may be equivalent come last: the suite needs minutes to find nothing.
-    last: list[Mutant] = []
-    done = len(rows)
-    beside = None
-    hows: tuple[How, How] = "if it differs", "suite"
-    for how in hows:
-        if how == "suite" and last:  # these need all digests; the largest takes minutes
-            digests = partial(equivalence.digests, asked.folder)
-            beside = pool.map_async(digests, reversed(asked.walks), 1)
-        jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]
-        for id_, kills, error in pool.imap_unordered(_work, jobs):
-            if kills is None and not error:
-                last.append(by_id[id_])
-                continue
-            done += 1
-            notify(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
-            m = by_id[id_]
-            row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new, why=error)
-            if isinstance(kills, Kills):
-                _set_verdict(row, kills)
-            if row.verdict == "survived":
-                open_.append(by_id[id_])
-            kept.keep(by_id[id_].source, row, rows)
-    open_ = [mutant for mutant in by_id.values() if mutant in open_]
-    if beside is not None:
-        beside.get()
-    for walk in asked.walks if open_ else ():
-        notify(f"the reference itself on {walk[0]}")
-        equivalence.digests(asked.folder, walk)
-    walks = [_Job(mutant, asked, "graphs") for mutant in open_]
-    for n, (id_, found, error) in enumerate(pool.imap_unordered(_work, walks)):
-        notify(f"the graphs: {n + 1} of {len(open_)}")
-        row = rows[id_]
-        if isinstance(found, Difference) and not found.hidden:
-            row.difference = found
-        elif found is not None:
-            row.verdict, row.why = "equivalent", HIDDEN
-        else:
-            row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
-        kept.keep(by_id[id_].source, row, rows)
+    others = [walk for walk in reversed(asked.walks) if walk not in looked]
+    beside = pool.map_async(partial(equivalence.digests, asked.folder), others, 1)
+    jobs = []
+    for job in pool.imap_unordered(_look, [_Job(mutant, asked) for mutant in mutants]):
+        jobs.append(job)
+        notify(f"a first look: {len(jobs)} of {len(mutants)} mutants")
+    beside.get()
+    jobs.sort(key=lambda job: (not job.same, bool(equivalence.kinds_of(job.mutant)), job.mutant.id))
+    sources = {mutant.id: mutant.source for mutant in mutants}
+    not_killed = 0
+    for n, row in enumerate(pool.imap_unordered(_work, jobs), 1):
+        not_killed += row.verdict not in ("killed", "invalid")
+        notify(f"{n} of {len(mutants)} mutants, {not_killed} not killed")
+        kept.keep(sources[row.id], row, rows)
 
 
 def _set_verdict(row: Row, kills: Kills) -> None:
@@ -445,7 +435,6 @@ def suite_hash(asked: Asked) -> str:
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".toml")):
             found.update(path.read_bytes())
-    for path in equivalence.FILES:
+    for path in (*equivalence.FILES, Path(suite_kills.__file__), Path(__file__)):
         found.update(path.read_bytes())
-    found.update(Path(suite_kills.__file__).read_bytes())
     return found.hexdigest()

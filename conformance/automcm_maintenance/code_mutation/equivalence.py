@@ -53,8 +53,16 @@ class Difference:
     input: str
     right: str
     wrong: str
-    hidden: bool = False
-    """Whether only the mutant's state differs, and never its outputs."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The first state of a graph with a difference, by number, and the kinds of input that differ
+    there."""
+
+    walk: tuple[str, int]
+    state: int
+    kinds: list[str]
 
 
 class WalkError(Exception):
@@ -72,35 +80,21 @@ def digests(folder: Path, walk: tuple[str, int]) -> Path:
     return path
 
 
-def difference(
+def first_difference(
     mutant: Mutant, source: Path, folder: Path, walks: Iterable[tuple[str, int]] = WALKS
-) -> Difference | None:
-    """The first difference on these graphs, or None.
+) -> Found | None:
+    """Where a mutant first behaves differently on these graphs, or None.
 
     ``source`` is the file of the mutated module, ``folder`` holds the digests.  Raises WalkError.
     """
+    kinds = sorted(kinds_of(mutant))
     for walk in walks:
-        found = differs(mutant, source, folder, walk)
-        if found is not None:
-            return _shown(mutant, source, walk, found[0])
+        graph, variant = walk
+        task = ("compare", graph, str(variant), str(digests(folder, walk)), *kinds)
+        found = _child(mutant.module, str(source), *task).strip()
+        if found:
+            return Found(walk, *json.loads(found))
     return None
-
-
-def differs(
-    mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]
-) -> tuple[int, list[str]] | None:
-    """The first state of a graph with a difference, and the kinds of input that differ there.
-
-    Raises WalkError.
-    """
-    graph, variant = walk
-    known, kinds = str(digests(folder, walk)), sorted(kinds_of(mutant))
-    task = ("compare", graph, str(variant), known, *kinds)
-    found = _child(mutant.module, str(source), *task).strip()
-    if not found:
-        return None
-    n, others = json.loads(found)
-    return n, others
 
 
 def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALKS) -> bool:
@@ -117,30 +111,31 @@ def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALK
     )
 
 
-def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) -> set[str]:
+def hint(found: Found, owners: Owners) -> set[str]:
     """The cases with such inputs at such a state, which should find the difference."""
-    if walk[0] not in GRAPHS:
+    if found.walk[0] not in GRAPHS:
         return set()
-    graph = oracle.load(GRAPHS[walk[0]].path)
+    graph = oracle.load(GRAPHS[found.walk[0]].path)
     cases = set()
-    for answer in graph.answers(found[0]):
+    for answer in graph.answers(found.state):
         value = graph.inputs[answer.input]
-        if kind(value) in found[1]:
+        if kind(value) in found.kinds:
             state = graph.states[answer.state]
             owner = owners.owner(state, value, answer.effect, answer.changes)
             cases |= {owner.id} if owner is not None else set()
     return cases
 
 
-def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Difference:
-    graph, variant = walk
-    show = ("show", graph, str(variant), str(n))
+def shown(mutant: Mutant, source: Path, found: Found) -> Difference:
+    """The difference there.  Raises WalkError."""
+    graph, variant = found.walk
+    show = ("show", graph, str(variant), str(found.state))
     right = json.loads(_child("state", "-", *show))
     wrong = dict(json.loads(_child(mutant.module, str(source), *show))["answers"])
     for given, answer in right["answers"]:
         if wrong.get(given, "") != answer:
             return Difference(graph, right["state"], given, answer, wrong.get(given, ""))
-    raise WalkError(f"{mutant.id}: {graph} {n}: the difference is not reproducible")
+    raise WalkError(f"{mutant.id}: {graph} {found.state}: the difference is not reproducible")
 
 
 @cache
