@@ -221,19 +221,17 @@ def test_a_mutant_that_ends_the_first_look_may_not_be_equivalent(
     [
         (["ACT-3"], False, [(1, False), (0, True), (0, False)]),
         ([], False, [(0, True), (0, False)]),
-        (None, False, [(0, False)]),
         (["ACT-3"], True, [(0, True)]),
     ],
 )
 def test_what_is_run_until_a_case_fails(
-    first: list[str] | None,
+    first: list[str],
     quick: bool,
     parts: list[tuple[int, bool]],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    """First the likely cases (1), then the quick part of all (0), then all; if none is expected to
-    fail (None), all at once; or that part alone."""
+    """First the likely cases (1), then the quick part of all (0), then all; or that part alone."""
     ran: list[tuple[int, bool]] = []
 
     def kills(

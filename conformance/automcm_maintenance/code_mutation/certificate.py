@@ -45,6 +45,9 @@ Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
 HIDDEN = "its stored state differs, but its outputs never do"
+SMALL, MIDDLE = (("forms", 0), ("tight", 0)), (("one-peer", 0),)
+"""Graphs on which mutants are compared before the suite: all mutants, and those without a
+difference."""
 UNTIL_S = 1_800.0
 """Time limit for one mutant, in seconds of real time."""
 
@@ -179,6 +182,7 @@ def _end(*_: object) -> None:
 
 def _compared(job: _Job, walks: Sequence[tuple[str, int]], folder: Path) -> _Job:
     """The job after a comparison on these graphs, with the mutant's source in ``folder``."""
+    walks = [walk for walk in job.asked.walks if walk in walks]
     try:
         source, digests = _source(job.mutant, folder), job.asked.folder
         return replace(job, found=equivalence.first_difference(job.mutant, source, digests, walks))
@@ -194,40 +198,41 @@ def _look(job: _Job) -> _Job:
     """Compare a mutant on the small graphs."""
     with scratch.folder("certify") as folder:
         _source(job.mutant, folder).write_text(job.mutant.source, encoding="utf-8")
-        return _compared(job, _looked_at(job.asked), folder)
+        return _compared(job, SMALL, folder)
 
 
 def _work(job: _Job) -> Row:
-    """Compare a mutant on the other graphs if it may be equivalent, then hold the suite against it.
-
-    Where it differs says which cases should kill it.
-    """
+    """Hold the suite against a mutant, first with the cases that should find its difference; what
+    it does not kill is compared on all graphs."""
     m, asked = job.mutant, job.asked
     row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
     with scratch.folder("certify") as folder:
         source = _source(m, folder)
         source.write_text(m.source, encoding="utf-8")
         if job.same:
-            looked = _looked_at(asked)
-            job = _compared(job, [walk for walk in asked.walks if walk not in looked], folder)
+            job = _compared(job, MIDDLE, folder)
+        hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
         child = "automcm_maintenance.code_mutation.mutated_process"
         command = [sys.executable, "-m", child, m.module, str(source)]
-        hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
         try:
-            kills = killed(command, asked, folder, None if job.same else sorted(hint))
-            _set_verdict(row, kills)
+            _set_verdict(row, killed(command, asked, folder, sorted(hint)))
             if row.verdict == "survived":
-                _explain(row, job, source)
+                _explain(row, job, folder)
         except (WalkError, OSError) as error:
             row.verdict, row.why = "undecided", str(error)
     return row
 
 
-def _explain(row: Row, job: _Job, source: Path) -> None:
+def _explain(row: Row, job: _Job, folder: Path) -> None:
     """The verdict of a mutant that the suite does not kill.  Raises WalkError."""
+    if job.same:
+        others = [walk for walk in job.asked.walks if walk not in SMALL + MIDDLE]
+        job = _compared(job, others, folder)
     if job.found is None:
         row.verdict, row.why = ("undecided", job.error) if job.error else ("equivalent", "")
-    elif job.found.walk[0] in GRAPHS and equivalence.hidden(job.mutant, source, job.asked.walks):
+        return
+    source, walks = _source(job.mutant, folder), job.asked.walks
+    if job.found.walk[0] in GRAPHS and equivalence.hidden(job.mutant, source, walks):
         row.verdict, row.why = "equivalent", HIDDEN
     else:
         row.difference = equivalence.shown(job.mutant, source, job.found)
@@ -244,23 +249,16 @@ def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None,
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
 
-def _looked_at(asked: Asked) -> list[tuple[str, int]]:
-    return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0))]
-
-
-def killed(
-    command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] | None
-) -> Kills:
+def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
     """Hold the suite against one station: first the cases that ``first`` selects; if none of these
-    fails, the quick part of all cases, and then the whole suite; this at once if no case is
-    expected to fail (None).  Only the quick part, if asked.
+    fails, the quick part of all cases, and then the whole suite.  Only the quick part, if asked.
     """
     chosen = purposes.select(purposes.load(), asked.selectors)
-    stops = asked.cases and first is not None
-    likely = [p for p in chosen if first and (p.id in first or set(p.rules) & set(first))]
+    likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
+    likely = likely if asked.cases else []
     found, due = Kills(), monotonic() + UNTIL_S
-    parts = [(likely, False)] if likely and stops else []
-    parts += [(chosen, True)] if stops else []
+    parts = [(likely, False)] if likely else []
+    parts += [(chosen, True)] if asked.cases else []
     for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
         found = suite_kills.kills(
             command,
@@ -359,11 +357,11 @@ def _judge(
     notify: Notify,
 ) -> None:
     """Judge these mutants.  Those that may be equivalent come first, because they take minutes."""
-    looked = _looked_at(asked)
-    for walk in looked:
-        notify(f"the reference itself on {walk[0]}")
-        equivalence.digests(asked.folder, walk)
-    others = [walk for walk in reversed(asked.walks) if walk not in looked]
+    for walk in asked.walks:
+        if walk in SMALL:
+            notify(f"the reference itself on {walk[0]}")
+            equivalence.digests(asked.folder, walk)
+    others = [walk for walk in reversed(asked.walks) if walk not in SMALL]
     beside = pool.map_async(partial(equivalence.digests, asked.folder), others, 1)
     jobs = []
     for job in pool.imap_unordered(_look, [_Job(mutant, asked) for mutant in mutants]):

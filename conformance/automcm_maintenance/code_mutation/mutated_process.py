@@ -28,6 +28,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+GRAMMAR = ("messages", "parameters")
+"""The modules that are not in the reference's package; the forms of messages use only these."""
 NO_IMPORT = 86
 """Exit code of a child whose module cannot be imported."""
 BYTES = 2 << 30
@@ -56,9 +58,8 @@ class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 def full_name(module: str) -> str:
-    """The name with its package; the messages and parameters are not in the reference's package."""
-    grammar = module in ("messages", "parameters")
-    package = "automcm_spec.vocabulary" if grammar else "automcm.core"
+    """The name with its package."""
+    package = "automcm_spec.vocabulary" if module in GRAMMAR else "automcm.core"
     return f"{package}.{module}"
 
 
