@@ -11,6 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def write(report: Values, folder: Path) -> list[Path]:
     """Write all files of a report, without figures if matplotlib is missing; returns the paths."""
     made = experiment(report["experiment"])
     texts = {
-        RESULTS: json.dumps(report, indent=1, sort_keys=True, allow_nan=False) + "\n",
+        RESULTS: _json(report),
         f"{made.name}.csv": table(report),
         PAGE: page(report),
     }
@@ -82,6 +83,14 @@ def write(report: Values, folder: Path) -> list[Path]:
         for name, figure in made.figures(report):
             written += figures.save(figure, folder / name)
     return written
+
+
+def _json(report: Values) -> str:
+    """The report as JSON, each cell on one line."""
+    write = partial(json.dumps, sort_keys=True, allow_nan=False)
+    cells = ",\n".join(f"  {write(cell)}" for cell in report["cells"])
+    rest: str = write(report | {"cells": []}, indent=1)
+    return rest.replace('"cells": []', f'"cells": [\n{cells}\n ]', 1) + "\n"
 
 
 def table(report: Values) -> str:

@@ -103,6 +103,8 @@ def _road(runs: Sequence[Cell]) -> list[Values]:
 def _paired(runs: Sequence[Cell]) -> list[Values]:
     """The travel time with stations beside that of the same road users without, in per cent."""
     found = []
+    place = ("scenario", "per_km", "seed", "metres", "seconds")
+    alike = _groups(runs, ("variant", "share", *place))
     stations = chosen(runs, variant="stations")
     for (scenario, per_km, share), some in _groups(
         stations, ("scenario", "per_km", "share")
@@ -110,13 +112,10 @@ def _paired(runs: Sequence[Cell]) -> list[Values]:
         row: Values = {"scenario": scenario, "per_km": per_km, "share": share, "seeds": len(some)}
         for other in OTHERS:
             differences = []
+            of = share if other == "silent" else 0.0
             for cell in some:
-                same = {
-                    name: cell.values[name]
-                    for name in ("scenario", "per_km", "seed", "metres", "seconds")
-                }
-                of = share if other == "silent" else 0.0
-                for beside in chosen(runs, variant=other, share=of, **same):
+                key = (other, of, *(cell.values[name] for name in place))
+                for beside in alike.get(key, []):
                     ratio = cell.result["s_per_km"] / beside.result["s_per_km"]
                     differences.append(100 * (ratio - 1))
             row[other] = _spread(differences)
