@@ -248,6 +248,18 @@ def test_what_is_run_until_a_case_fails(
     assert (kept == certificate.suite_hash(Asked(tmp_path))) is not quick
 
 
+def test_a_changed_walk_makes_earlier_verdicts_invalid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walk = tmp_path / "walk.py"
+    monkeypatch.setattr(equivalence, "FILES", (walk,))
+    found = set()
+    for text in ("one", "other"):
+        walk.write_text(text)
+        found.add(certificate.suite_hash(Asked(tmp_path)))
+    assert len(found) == 2
+
+
 def test_a_walk_without_end_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(equivalence, "SECONDS", 0)
     with pytest.raises(equivalence.WalkError, match="no end after 0 s"):

@@ -170,9 +170,12 @@ def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_traffic_without_sumo_is_exit_code_3_and_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    earlier = tmp_path / "1.ndjson"
+    earlier.write_text("a log")
     monkeypatch.setitem(sys.modules, "sumo", None)
     done = automcm("simulate", "traffic", "--out", tmp_path)
     assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
+    assert earlier.exists()
 
 
 def test_an_unknown_scenario_is_a_usage_error_that_lists_them(tmp_path: Path) -> None:

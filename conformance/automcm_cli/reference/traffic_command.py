@@ -81,6 +81,7 @@ def traffic(
     from automcm.encoding.codec import CodecError
     from automcm_evaluation.traffic.mover import TrafficError
     from automcm_evaluation.traffic.seen_from_above import Frames
+    from automcm_evaluation.traffic.sumo_mover import sumo_home
     from automcm_evaluation.traffic.traffic_scenario import Setting
     from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
     from automcm_evaluation.traffic_scenarios.traffic_run import Run, wrong
@@ -103,6 +104,7 @@ def traffic(
         )
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
+        sumo_home()  # without SUMO an earlier run's files stay
         out.mkdir(parents=True, exist_ok=True)
         for old in (*out.glob("*.ndjson"), out / "page.html"):
             old.unlink(missing_ok=True)
