@@ -23,9 +23,11 @@ from automcm_maintenance.code_mutation import (
     certificate,
     certificate_page,
     equivalence,
+    lockstep,
     source_mutants,
     suite_kills,
 )
+from automcm_maintenance.code_mutation.behaviour_digest import VARIANTS, Walker
 from automcm_maintenance.code_mutation.certificate import Asked, Certificate, Row
 from automcm_maintenance.code_mutation.equivalence import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
@@ -39,6 +41,8 @@ from automcm_maintenance.code_mutation.source_mutants import (
     sample,
 )
 from automcm_maintenance.code_mutation.suite_kills import Kills
+from automcm_spec.graph.oracle import load
+from automcm_spec.graph.oracle_generation import GRAPHS
 
 TIGHT = (("tight", 0),)
 
@@ -343,6 +347,29 @@ def test_an_interrupted_run_returns_what_is_decided_and_continues(
     assert kept.read_bytes().endswith(b"\n")
 
 
+@pytest.mark.parametrize("ends", [None, "forms", "one-peer", "two-peers"])
+def test_only_who_is_compared_on_every_graph_is_equivalent(
+    ends: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A comparison that breaks off leaves a mutant that no case kills undecided."""
+    walked: list[tuple[str, int]] = []
+
+    def first_difference(_: object, __: object, ___: object, walks: Any) -> None:
+        walked.extend(walks)
+        if ends in {graph for graph, _ in walks}:
+            raise equivalence.WalkError("no end")
+
+    monkeypatch.setattr(equivalence, "first_difference", first_difference)
+    monkeypatch.setattr(certificate, "killed", lambda *_: Kills())
+    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
+    mutant = changed(*SCRIPTS["table"])
+    row = certificate._work(certificate._look(certificate._Job(mutant, Asked(tmp_path))))
+    if ends is None:
+        assert row.verdict == "equivalent" and sorted(walked) == sorted(equivalence.WALKS)
+    else:
+        assert row.verdict == "undecided" and row.why == "no end"
+
+
 def test_what_may_be_equivalent_comes_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -418,6 +445,15 @@ def hidden(made: Generated, id_: str, folder: Path) -> bool:
     source = folder / f"{mutant.module}.py"
     source.write_text(mutant.source, encoding="utf-8")
     return equivalence.hidden(mutant, source, [("tight", 0)])
+
+
+def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, graph = lockstep.unchanged(), load(GRAPHS["tight"].path)
+    other, same = Walker(graph, VARIANTS[0]), right.Walker(graph, right.VARIANTS[0])
+    assert other.extra_outcomes(other.at(0)) == same.extra_outcomes(same.at(0))
+    monkeypatch.setattr(other, "extra_outcomes", lambda state: ["another outcome"])
+    found = lockstep.distinguished(other, same)
+    assert found is not None and found[2] == "an extra input"
 
 
 def test_what_is_kept_and_never_said_is_equivalent(made: Generated, tmp_path: Path) -> None:

@@ -222,6 +222,9 @@ def test_a_report_is_written_and_read_again(dice: Thrown, tmp_path: Path) -> Non
     written = [path.name for path in report.write(made, tmp_path)]
     assert written == ["results.json", "dice.csv", "README.md"]
     assert report.load(tmp_path / "results.json") == made
+    lines = (tmp_path / "results.json").read_text().splitlines()
+    cells = [line for line in lines if line.startswith('  {"result": ')]
+    assert len(cells) == len(made["cells"])
     sides = (tmp_path / "dice.csv").read_text().splitlines()
     assert sides[0] == "sides,throws,seed" and sides[1].startswith("6,3,")
     text = (tmp_path / "README.md").read_text()

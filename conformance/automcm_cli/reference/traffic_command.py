@@ -81,7 +81,6 @@ def traffic(
     from automcm.encoding.codec import CodecError
     from automcm_evaluation.traffic.mover import TrafficError
     from automcm_evaluation.traffic.seen_from_above import Frames
-    from automcm_evaluation.traffic.sumo_mover import sumo_home
     from automcm_evaluation.traffic.traffic_scenario import Setting
     from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
     from automcm_evaluation.traffic_scenarios.traffic_run import Run, wrong
@@ -104,13 +103,11 @@ def traffic(
         )
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
-        sumo_home()  # without SUMO an earlier run's files stay
         out.mkdir(parents=True, exist_ok=True)
-        for old in (*out.glob("*.ndjson"), out / "page.html"):
-            old.unlink(missing_ok=True)
         with ExitStack() as stack:
             bar = stack.enter_context(_bar(duration_s))
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
+        (out / "page.html").unlink(missing_ok=True)  # of an earlier run
         record = run.record(found)
         files.write(out / "traffic.json", frames.as_json())
         page = _page(found, out)

@@ -162,14 +162,21 @@ class Walker:
 
     def outcome(self, state: State, value: Input) -> tuple[str, State]:
         """The outcome of an input in a state, without the next state, and the next state."""
+        return self._outcome(state, partial(self._give, value)), self.station.state
+
+    def extra_outcomes(self, state: State) -> list[str]:
+        """The outcomes of the extra inputs in a state, without the next states."""
+        message = next(value for value in self.oracle.inputs if isinstance(value, Receive))
+        return [self._outcome(state, act) for act in self._extra_inputs(message).values()]
+
+    def _outcome(self, state: State, act: Act) -> str:
         station = self.station
         station.state = state
         station.timers = dict.fromkeys(armed(ME, state), LATER)
         station._now = 0
         self._remember(state)
         station._random.seed(SEED)
-        text = _outcome_text(partial(self._give, value))
-        return f"{text}{station.timers!r}{station.state.marks!r}", station.state
+        return f"{_outcome_text(act)}{station.timers!r}{station.state.marks!r}"
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
         """For each kind of input, a digest of all answers at a state."""

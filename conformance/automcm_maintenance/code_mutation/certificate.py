@@ -38,7 +38,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
     Mutant,
 )
 from automcm_maintenance.code_mutation.suite_kills import Kills
-from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
+from automcm_spec.graph.oracle_generation import spec_hash
 from automcm_spec.support import children, scratch
 
 Notify = Callable[[str], None]
@@ -46,10 +46,10 @@ Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
 HIDDEN = "its stored state differs, but its outputs never do"
 SMALL, MIDDLE = (("forms", 0), ("tight", 0)), (("one-peer", 0),)
-"""Graphs on which mutants are compared before the suite: all mutants, and those without a
-difference."""
+"""The graphs before the suite: SMALL for every mutant, MIDDLE for those that do not differ on
+SMALL."""
 UNTIL_S = 1_800.0
-"""Time limit for one mutant, in seconds of real time."""
+"""Time limit of the suite for one mutant, in seconds of real time."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,8 @@ class Certificate:
 
 @dataclass(frozen=True)
 class _Job:
-    """A mutant of the reference, for a worker, and what the first look has ``found``: a difference,
-    none, or an ``error`` that ended it."""
+    """A mutant of the reference, for a worker, and what the comparisons so far have ``found``: a
+    difference, none, or an ``error`` that ended one."""
 
     mutant: Mutant
     asked: Asked
@@ -202,8 +202,8 @@ def _look(job: _Job) -> _Job:
 
 
 def _work(job: _Job) -> Row:
-    """Hold the suite against a mutant, first with the cases that should find its difference; what
-    it does not kill is compared on all graphs."""
+    """Hold the suite against a mutant, first with the cases that should find its difference.  What
+    it does not kill, and does not differ so far, is compared on the other graphs."""
     m, asked = job.mutant, job.asked
     row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
     with scratch.folder("certify") as folder:
@@ -211,10 +211,10 @@ def _work(job: _Job) -> Row:
         source.write_text(m.source, encoding="utf-8")
         if job.same:
             job = _compared(job, MIDDLE, folder)
-        hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
         child = "automcm_maintenance.code_mutation.mutated_process"
         command = [sys.executable, "-m", child, m.module, str(source)]
         try:
+            hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
             _set_verdict(row, killed(command, asked, folder, sorted(hint)))
             if row.verdict == "survived":
                 _explain(row, job, folder)
@@ -232,14 +232,15 @@ def _explain(row: Row, job: _Job, folder: Path) -> None:
         row.verdict, row.why = ("undecided", job.error) if job.error else ("equivalent", "")
         return
     source, walks = _source(job.mutant, folder), job.asked.walks
-    if job.found.walk[0] in GRAPHS and equivalence.hidden(job.mutant, source, walks):
+    if equivalence.hidden(job.mutant, source, walks):
         row.verdict, row.why = "equivalent", HIDDEN
     else:
         row.difference = equivalence.shown(job.mutant, source, job.found)
 
 
 def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None, str]:
-    """As the previous function, for a mutant of the C++ station."""
+    """Hold the suite against a mutant of the C++ station: its name, what kills it (None: it could
+    not be built), and an error."""
     mutant, asked = job
     with scratch.folder("certify") as folder:
         try:
@@ -356,18 +357,23 @@ def _judge(
     kept: _Kept,
     notify: Notify,
 ) -> None:
-    """Judge these mutants.  Those that may be equivalent come first, because they take minutes."""
+    """Judge these mutants.  Those that may be equivalent come first, because they take minutes;
+    of these, those that any input can reach."""
     for walk in asked.walks:
         if walk in SMALL:
             notify(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
     others = [walk for walk in reversed(asked.walks) if walk not in SMALL]
-    beside = pool.map_async(partial(equivalence.digests, asked.folder), others, 1)
+    write = partial(pool.map_async, partial(equivalence.digests, asked.folder), others, 1)
+    beside = write() if len(mutants) > asked.jobs else None  # few may not need them
     jobs = []
     for job in pool.imap_unordered(_look, [_Job(mutant, asked) for mutant in mutants]):
         jobs.append(job)
         notify(f"a first look: {len(jobs)} of {len(mutants)} mutants")
-    beside.get()
+    if beside is None and any(job.same for job in jobs):
+        beside = write()
+    if beside is not None:
+        beside.get()
     jobs.sort(key=lambda job: (not job.same, bool(equivalence.kinds_of(job.mutant)), job.mutant.id))
     sources = {mutant.id: mutant.source for mutant in mutants}
     not_killed = 0

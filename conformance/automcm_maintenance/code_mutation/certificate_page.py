@@ -90,6 +90,7 @@ def markdown(found: Certificate) -> str:
     return markdown_.page(
         PAGES / "certificate.md.j2",
         found=found,
+        cpp=sum(row.station == "cpp" for row in found.rows),
         many="one failed case" if found.asked.cases == 1 else f"{found.asked.cases} failed cases",
         counts=markdown_table(
             ["class", "mutants", *VERDICTS, "fault"], [*counts, _counts("all", found.rows, "")]

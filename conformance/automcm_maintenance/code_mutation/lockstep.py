@@ -2,8 +2,8 @@
 
 The unchanged reference is imported a second time under another name.  Where a step gives the two
 different states, the difference is carried to the next state of the graph if it is new there, and
-both get all inputs.  If their messages, indications, timers and deadlines are always equal, the
-mutant is equivalent on this graph.
+both get all inputs, also those that no graph has.  If their messages, indications, timers and
+deadlines are always equal, the mutant is equivalent on this graph.
 """
 
 from __future__ import annotations
@@ -83,6 +83,9 @@ def distinguished(
         here, other = right.at(n), wrong.at(n)
         if changed:
             other = other._replace(**changed)
+        extra = right.extra_outcomes(here), wrong.extra_outcomes(other)
+        if extra[0] != extra[1]:
+            return [to_json(oracle.states[n]), repr(changed), "an extra input", *map(str, extra)]
         for i, value in enumerate(oracle.inputs):
             answer = oracle.answer(n, i)
             same = not changed and kinds is not None and wrong.kinds[i] not in kinds

@@ -229,8 +229,8 @@ def _routes(users: Sequence[RoadUser], cooperative: float) -> str:
         lines.append(
             f'<vType id="t{user.number}" length="{user.length}" width="{user.width}" '
             f'maxSpeed="{user.desired}" speedFactor="1" speedDev="0" {drives} '
-            # The rear stays within a sublane of where followers take it to be: they count no
-            # heading, and SUMO would move even a standing lorry aside and turn it across lanes.
+            # The rear stays within a sublane of where followers take it to be: they take no account
+            # of headings, and SUMO would move even a standing lorry aside, turned across lanes.
             f'lcMaxSpeedLatStanding="0" lcMaxSpeedLatFactor="{SUBLANE_M / user.length}"/>'
             f'<vehicle id="{user.number}" type="t{user.number}" depart="{user.begins_s}" '
             f'departLane="{user.lane}" departPos="{user.at_m}" departSpeed="{user.speed}" '

@@ -54,13 +54,17 @@ class Run:
     ) -> Traffic:
         """Run it to its end.  Raises TrafficError, for example without SUMO or ns-3.
 
-        ``frames`` takes the positions of all road users; ``progress`` gets the simulated time.
+        ``logs`` is the folder for the logs; those of an earlier run are deleted when this one can
+        begin.  ``frames`` takes the positions of all road users; ``progress`` gets the simulated
+        time.
         """
         scenario, setting = SCENARIOS[self.scenario], self.setting
         users = scenario.users(setting)
         with self._radio() as radio, scratch.folder("traffic") as folder:
             mover = SumoMover(users, scenario.network, folder, setting.seed, gui)
             try:
+                for old in logs.glob("*.ndjson") if logs is not None else ():
+                    old.unlink()
                 traffic = Traffic(
                     scenario,
                     setting,
