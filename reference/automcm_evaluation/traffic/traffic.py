@@ -17,6 +17,7 @@ from automcm.links.radio import Radio
 from automcm.links.radio_link import RadioLinks
 from automcm.scenarios.drive import Driver
 from automcm_evaluation.safety.hazard_measures import Watched
+from automcm_evaluation.traffic import distance_guard
 from automcm_evaluation.traffic.mover import AUTOMATED, STEP_MS, Mover, RoadUser
 from automcm_evaluation.traffic.shared_codec import SharedCodec
 from automcm_evaluation.traffic.traffic_measures import Measures
@@ -139,9 +140,12 @@ class Traffic:
                 if number not in self.stations.services:
                     self._start(number, driver)
                 driver.tick(now)
+        limits = distance_guard.limits({v.station_id for v in driven}, bodies, self.users)
         for vehicle in driven:
-            aside = vehicle.aside
-            self.mover.control(vehicle.station_id, vehicle.set_speed(now / 1000), aside)
+            speed, limit = vehicle.set_speed(now / 1000), limits.get(vehicle.station_id)
+            if limit is not None:
+                speed = limit if speed is None else min(speed, limit)
+            self.mover.control(vehicle.station_id, speed, vehicle.aside)
         self.measures.step(now, bodies, self)
         self._observe(self)
 

@@ -1,0 +1,67 @@
+"""The distance of equipped vehicles to whatever is in their way as it stands on the road.
+
+SUMO's drivers take vehicles for rectangles along the lane.  One that changes lanes is turned, so
+that its rear can be in the way of a vehicle that SUMO lets pass.  The sensors of an equipped
+vehicle see it, and its control brakes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from automcm.scenarios.road import STEP_S
+from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser
+
+RANGE_M = 100.0
+"""That of the sensors, to the middle of another vehicle: enough to stop at 36 m/s."""
+ASIDE_M = 0.1
+"""The least distance to the sides, m."""
+LEFT_M = 0.5
+"""The least distance ahead, m."""
+SAME_WAY = 0.7
+"""The least cosine between headings of vehicles that follow each other."""
+REAR = np.array([(-1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0), (0.0, -1.0), (0.0, 1.0)])
+"""Points of a rectangle that may be in the way of who follows, in half lengths and widths."""
+
+
+def limits(
+    of: Collection[int], bodies: Mapping[int, Body], users: Mapping[int, RoadUser]
+) -> dict[int, float]:
+    """The speeds, m/s, that these vehicles must not exceed in the next step, where they would.
+
+    A vehicle must be able to stop, braking as hard as it can, behind each point of another that is
+    within its width, if that other one brakes as hard.
+    """
+    numbers = [n for n in bodies if n in users and users[n].kind != "person"]
+    if len(numbers) < 2:
+        return {}
+    table = np.array([bodies[n] for n in numbers])
+    half = np.array([(users[n].length, users[n].width) for n in numbers]) / 2
+    xy, speed = table[:, :2], table[:, 3]
+    axis = np.stack([np.cos(table[:, 2]), np.sin(table[:, 2])], axis=1)
+    side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    away = xy[None] - xy[:, None]
+    follows = np.hypot(away[..., 0], away[..., 1]) < RANGE_M
+    follows &= (axis @ axis.T > SAME_WAY) & ((away * axis[:, None]).sum(axis=2) > 0)
+    follows &= np.array([n in of for n in numbers])[:, None]
+    i, j = np.nonzero(follows)
+    corners = (REAR[None] * half[:, None])[j]
+    points = away[i, j][:, None] + corners[..., :1] * axis[j][:, None]
+    points = points + corners[..., 1:] * side[j][:, None]
+    along = (points * axis[i][:, None]).sum(axis=2) - half[i, :1]
+    across = np.abs((points * side[i][:, None]).sum(axis=2))
+    gap = np.where(across < half[i, 1:] + ASIDE_M, along, np.inf).min(axis=1) - LEFT_M
+    found: dict[int, float] = {}
+    hardest = AUTOMATED.hardest
+    for a, b, left in zip(i.tolist(), j.tolist(), gap.tolist(), strict=True):
+        if math.isinf(left):
+            continue
+        stops = float(speed[b]) ** 2 + 2 * hardest * max(0.0, left)
+        slow = hardest * STEP_S
+        limit = max(0.0, math.sqrt(slow**2 + stops) - slow)
+        if limit < float(speed[a]) + AUTOMATED.acceleration * STEP_S:
+            found[numbers[a]] = min(limit, found.get(numbers[a], math.inf))
+    return found
