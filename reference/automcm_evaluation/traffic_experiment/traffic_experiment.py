@@ -134,7 +134,7 @@ EXPERIMENT = Experiment(
             stations=(2, 5),
             crowds=1,
         ),
-        "standard": Scale(blocks=((MERGE, 40.0, (0.5, 1.0), 8), *_grid(8))),
+        "standard": Scale(blocks=((MERGE, 40.0, (0.5, 1.0), 10), *_grid(10))),
         "coarse": Scale(
             blocks=(
                 (FOUR, 50.0, (0.1, 0.5, 1.0), 3),
