@@ -8,6 +8,7 @@ from automcm.scenarios.road import STEP_S
 from automcm_evaluation.traffic.distance_guard import LEFT_M, limits
 from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser
 
+SIGHT_M = 100.0
 CAR, LORRY = (4.5, 1.8), (16.0, 2.5)
 
 
@@ -34,7 +35,7 @@ def body(x: float, y: float = 0.0, heading: float = 0.0, speed: float = 0.0) -> 
 def limit(other: Body, size: tuple[float, float] = CAR, kind: str = "vehicle") -> float | None:
     """That of a car at 10 m/s behind another road user."""
     users = {1: user(1), 2: user(2, size, kind)}
-    return limits({1}, {1: body(0.0, speed=10.0), 2: other}, users).get(1)
+    return limits({1}, {1: body(0.0, speed=10.0), 2: other}, users, SIGHT_M).get(1)
 
 
 def test_who_is_far_enough_ahead_is_left_to_the_distance_control() -> None:
@@ -67,7 +68,10 @@ def test_others_do_not_count(other: Body, kind: str) -> None:
 def test_only_those_asked_for_are_limited() -> None:
     users = {1: user(1), 2: user(2)}
     bodies = {1: body(0.0, speed=10.0), 2: body(9.0)}
-    assert limits(set(), bodies, users) == {} and limits({1}, {1: bodies[1]}, users) == {}
+    assert (
+        limits(set(), bodies, users, SIGHT_M) == {}
+        and limits({1}, {1: bodies[1]}, users, SIGHT_M) == {}
+    )
 
 
 @pytest.mark.parametrize("speed", [3.0, 10.0, 25.0])
@@ -77,7 +81,7 @@ def test_who_keeps_the_limit_stops_before(speed: float) -> None:
     rear = speed**2 / 2 / AUTOMATED.hardest + 1.0
     lorry = body(CAR[0] / 2 + rear + LORRY[0] / 2)
     while speed > 0.0:
-        found = limits({1}, {1: body(x, speed=speed), 2: lorry}, users)
+        found = limits({1}, {1: body(x, speed=speed), 2: lorry}, users, SIGHT_M)
         after = min(found.get(1, speed), speed)
         assert after >= speed - AUTOMATED.hardest * STEP_S - 1e-9
         speed = after if after > 0.05 else 0.0

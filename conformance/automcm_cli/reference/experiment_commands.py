@@ -21,7 +21,7 @@ app = typer.Typer()
 Profile = Annotated[
     str,
     typer.Option(
-        help="quick (2 minutes for all) or standard (about an hour); traffic also has coarse "
+        help="quick (2 minutes for all) or standard (over half an hour); traffic also has coarse "
         "and full."
     ),
 ]

@@ -14,26 +14,23 @@ import numpy as np
 
 from automcm.scenarios.road import STEP_S
 from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser
+from automcm_evaluation.traffic.traffic_measures import AHEAD
 
-RANGE_M = 100.0
-"""That of the sensors, to the middle of another vehicle: enough to stop at 36 m/s."""
 ASIDE_M = 0.1
 """The least distance to the sides, m."""
 LEFT_M = 0.5
 """The least distance ahead, m."""
-SAME_WAY = 0.7
-"""The least cosine between headings of vehicles that follow each other."""
 REAR = np.array([(-1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0), (0.0, -1.0), (0.0, 1.0)])
 """Points of a rectangle that may be in the way of who follows, in half lengths and widths."""
 
 
 def limits(
-    of: Collection[int], bodies: Mapping[int, Body], users: Mapping[int, RoadUser]
+    of: Collection[int], bodies: Mapping[int, Body], users: Mapping[int, RoadUser], range_m: float
 ) -> dict[int, float]:
     """The speeds, m/s, that these vehicles must not exceed in the next step, where they would.
 
     A vehicle must be able to stop, braking as hard as it can, behind each point of another that is
-    within its width, if that other one brakes as hard.
+    within its width, if that other one brakes as hard.  ``range_m`` is the range of the sensors.
     """
     numbers = [n for n in bodies if n in users and users[n].kind != "person"]
     if len(numbers) < 2:
@@ -44,8 +41,8 @@ def limits(
     axis = np.stack([np.cos(table[:, 2]), np.sin(table[:, 2])], axis=1)
     side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     away = xy[None] - xy[:, None]
-    follows = np.hypot(away[..., 0], away[..., 1]) < RANGE_M
-    follows &= (axis @ axis.T > SAME_WAY) & ((away * axis[:, None]).sum(axis=2) > 0)
+    follows = np.hypot(away[..., 0], away[..., 1]) < range_m
+    follows &= (axis @ axis.T > AHEAD) & ((away * axis[:, None]).sum(axis=2) > 0)
     follows &= np.array([n in of for n in numbers])[:, None]
     i, j = np.nonzero(follows)
     corners = (REAR[None] * half[:, None])[j]

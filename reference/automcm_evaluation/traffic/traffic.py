@@ -140,7 +140,8 @@ class Traffic:
                 if number not in self.stations.services:
                     self._start(number, driver)
                 driver.tick(now)
-        limits = distance_guard.limits({v.station_id for v in driven}, bodies, self.users)
+        of, sight_m = {v.station_id for v in driven}, self.setting.sight_m
+        limits = distance_guard.limits(of, bodies, self.users, sight_m)
         for vehicle in driven:
             speed, limit = vehicle.set_speed(now / 1000), limits.get(vehicle.station_id)
             if limit is not None:
