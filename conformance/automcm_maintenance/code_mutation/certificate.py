@@ -180,25 +180,27 @@ def _end(*_: object) -> None:
     raise SystemExit(1)
 
 
-def _compared(job: _Job, walks: Sequence[tuple[str, int]], folder: Path) -> _Job:
-    """The job after a comparison on these graphs, with the mutant's source in ``folder``."""
+def _compared(job: _Job, source: Path, walks: Sequence[tuple[str, int]]) -> _Job:
+    """The job after a comparison of the mutant, whose ``source`` is a file, on these graphs."""
     walks = [walk for walk in job.asked.walks if walk in walks]
     try:
-        source, digests = _source(job.mutant, folder), job.asked.folder
-        return replace(job, found=equivalence.first_difference(job.mutant, source, digests, walks))
+        found = equivalence.first_difference(job.mutant, source, job.asked.folder, walks)
+        return replace(job, found=found)
     except (WalkError, OSError) as error:
         return replace(job, error=str(error))
 
 
-def _source(mutant: Mutant, folder: Path) -> Path:
-    return folder / f"{mutant.module}.py"
+def _write(mutant: Mutant, folder: Path) -> Path:
+    """The file of a mutant's source."""
+    source = folder / f"{mutant.module}.py"
+    source.write_text(mutant.source, encoding="utf-8")
+    return source
 
 
 def _look(job: _Job) -> _Job:
     """Compare a mutant on the small graphs."""
     with scratch.folder("certify") as folder:
-        _source(job.mutant, folder).write_text(job.mutant.source, encoding="utf-8")
-        return _compared(job, SMALL, folder)
+        return _compared(job, _write(job.mutant, folder), SMALL)
 
 
 def _work(job: _Job) -> Row:
@@ -207,32 +209,30 @@ def _work(job: _Job) -> Row:
     m, asked = job.mutant, job.asked
     row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
     with scratch.folder("certify") as folder:
-        source = _source(m, folder)
-        source.write_text(m.source, encoding="utf-8")
+        source = _write(m, folder)
         if job.same:
-            job = _compared(job, MIDDLE, folder)
+            job = _compared(job, source, MIDDLE)
         child = "automcm_maintenance.code_mutation.mutated_process"
         command = [sys.executable, "-m", child, m.module, str(source)]
         try:
             hint = equivalence.hint(job.found, _Worker.graphs.owners) if job.found else set()
             _set_verdict(row, killed(command, asked, folder, sorted(hint)))
             if row.verdict == "survived":
-                _explain(row, job, folder)
+                _explain(row, job, source)
         except (WalkError, OSError) as error:
             row.verdict, row.why = "undecided", str(error)
     return row
 
 
-def _explain(row: Row, job: _Job, folder: Path) -> None:
+def _explain(row: Row, job: _Job, source: Path) -> None:
     """The verdict of a mutant that the suite does not kill.  Raises WalkError."""
     if job.same:
         others = [walk for walk in job.asked.walks if walk not in SMALL + MIDDLE]
-        job = _compared(job, others, folder)
+        job = _compared(job, source, others)
     if job.found is None:
         row.verdict, row.why = ("undecided", job.error) if job.error else ("equivalent", "")
         return
-    source, walks = _source(job.mutant, folder), job.asked.walks
-    if equivalence.hidden(job.mutant, source, walks):
+    if equivalence.hidden(job.mutant, source, job.asked.walks):
         row.verdict, row.why = "equivalent", HIDDEN
     else:
         row.difference = equivalence.shown(job.mutant, source, job.found)

@@ -7,7 +7,6 @@ vehicle see it, and its control brakes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -51,14 +50,10 @@ def limits(
     along = (points * axis[i][:, None]).sum(axis=2) - half[i, :1]
     across = np.abs((points * side[i][:, None]).sum(axis=2))
     gap = np.where(across < half[i, 1:] + ASIDE_M, along, np.inf).min(axis=1) - LEFT_M
-    found: dict[int, float] = {}
     hardest = AUTOMATED.hardest
-    for a, b, left in zip(i.tolist(), j.tolist(), gap.tolist(), strict=True):
-        if math.isinf(left):
-            continue
-        stops = float(speed[b]) ** 2 + 2 * hardest * max(0.0, left)
-        slow = hardest * STEP_S
-        limit = max(0.0, math.sqrt(slow**2 + stops) - slow)
-        if limit < float(speed[a]) + AUTOMATED.acceleration * STEP_S:
-            found[numbers[a]] = min(limit, found.get(numbers[a], math.inf))
-    return found
+    slow = hardest * STEP_S
+    stops = np.sqrt(slow**2 + speed[j] ** 2 + 2 * hardest * np.maximum(gap, 0.0)) - slow
+    limit = np.full(len(numbers), np.inf)
+    np.minimum.at(limit, i, stops)
+    due = np.flatnonzero(limit < speed + AUTOMATED.acceleration * STEP_S)
+    return {numbers[n]: float(limit[n]) for n in due.tolist()}
