@@ -74,6 +74,19 @@ def test_only_those_asked_for_are_limited() -> None:
     )
 
 
+@pytest.mark.parametrize("places", [(9.0, 12.0), (12.0, 9.0)])
+def test_the_nearest_counts(places: tuple[float, float]) -> None:
+    users = {n: user(n) for n in (1, 2, 3)}
+    bodies = {1: body(0.0, speed=10.0), 2: body(places[0]), 3: body(places[1])}
+    assert limits({1}, bodies, users, SIGHT_M) == {1: limit(body(9.0))}
+
+
+def test_who_is_beyond_the_sensors_does_not_count() -> None:
+    users, bodies = {1: user(1), 2: user(2)}, {1: body(0.0, speed=10.0), 2: body(9.0)}
+    assert limits({1}, bodies, users, 9.1) != {}
+    assert limits({1}, bodies, users, 8.9) == {}
+
+
 @pytest.mark.parametrize("speed", [3.0, 10.0, 25.0])
 def test_who_keeps_the_limit_stops_before(speed: float) -> None:
     """At no more than the hardest braking, from wherever the limit begins."""
@@ -86,4 +99,4 @@ def test_who_keeps_the_limit_stops_before(speed: float) -> None:
         assert after >= speed - AUTOMATED.hardest * STEP_S - 1e-9
         speed = after if after > 0.05 else 0.0
         x += speed * STEP_S
-    assert LEFT_M - 0.05 < rear - x < 2.0
+    assert 0.0 < LEFT_M - 0.05 < rear - x < 2.0
