@@ -71,7 +71,7 @@ generate: ready
 pages: ready
 	@$(BIN)/automcm spec pages $(ARGS)
 
-# Repeats the paper's evaluation and writes it to docs: over half an hour on two cores, with SUMO.
+# Repeats the paper's evaluation and writes it to docs: over an hour on two cores, with SUMO.
 evaluation: ready .venv/foreign
 	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
 

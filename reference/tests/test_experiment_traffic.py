@@ -75,11 +75,14 @@ def made() -> Json:
 
 
 def test_the_full_grid_is_the_one_that_the_page_counts() -> None:
-    full = experiment("traffic").profiles["full"]
+    full = experiment("traffic").profiles["standard"]
     assert isinstance(full, Scale)
-    runs = [v for v in cells(full) if v.get("variant") == "stations"]
+    grid = [block for block in full.blocks if block[0] == "lane-change-4"]
+    runs = [
+        v for v in cells(full) if (v.get("scenario"), v.get("variant")) == (grid[0][0], "stations")
+    ]
     one = {"scenario": "lane-change-4", "variant": "stations", "seeds": 20}
-    road = [one | {"per_km": b[1], "share": share} for b in full.blocks for share in b[2]]
+    road = [one | {"per_km": b[1], "share": share} for b in grid for share in b[2]]
     found = coverage(road)
     assert len(runs) == found["asked"] == found["ran"] == 8 * 10 * 20
     assert coverage(road[1:])["ran"] == found["asked"] - 20

@@ -21,8 +21,7 @@ app = typer.Typer()
 Profile = Annotated[
     str,
     typer.Option(
-        help="quick (2 minutes for all) or standard (over half an hour); traffic also has coarse "
-        "and full."
+        help="quick (2 minutes for all) or standard (over an hour); traffic also has coarse."
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed.  Equal seeds give equal files.", min=0)]

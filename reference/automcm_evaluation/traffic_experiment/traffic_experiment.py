@@ -114,9 +114,9 @@ def run(values: Values, seed: int) -> Values:
     return traffic_cell.run(values, seed)
 
 
-def _grid(seeds: int) -> tuple[Block, ...]:
-    """What was asked for, with so many seeds."""
-    shares = traffic_page.ASKED_SHARES
+def _grid() -> tuple[Block, ...]:
+    """What was asked for."""
+    shares, seeds = traffic_page.ASKED_SHARES, traffic_page.ASKED_SEEDS
     return tuple((FOUR, per_km, shares, seeds) for per_km in traffic_page.ASKED_DENSITIES)
 
 
@@ -134,7 +134,9 @@ EXPERIMENT = Experiment(
             stations=(2, 5),
             crowds=1,
         ),
-        "standard": Scale(blocks=((MERGE, 40.0, (0.5, 1.0), 10), *_grid(10))),
+        "standard": Scale(
+            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_page.ASKED_SEEDS), *_grid()), crowds=20
+        ),
         "coarse": Scale(
             blocks=(
                 (FOUR, 50.0, (0.1, 0.5, 1.0), 3),
@@ -145,7 +147,6 @@ EXPERIMENT = Experiment(
                 (FOUR, 400.0, (1.0,), 1),
             )
         ),
-        "full": Scale(blocks=_grid(traffic_page.ASKED_SEEDS), crowds=20),
     },
     cells=cells,
     run=run,

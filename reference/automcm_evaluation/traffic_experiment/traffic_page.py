@@ -24,11 +24,11 @@ ASKED_DENSITIES = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
 ASKED_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 ASKED_SEEDS = 20
 ASKED = "lane-change-4"
-"""The grid that the profile ``full`` runs."""
+"""The grid that the profile ``standard`` runs."""
 
 
 def coverage(road: Sequence[Values]) -> Values:
-    """Which part of the grid of ``full`` was run: seeds by density and penetration."""
+    """Which part of the grid of ``standard`` was run: seeds by density and penetration."""
     ran = {
         (row["per_km"], row["share"]): row["seeds"]
         for row in road
