@@ -8,6 +8,7 @@ drive over ns-3 (automcm[radio]).  ``automcm simulate traffic-sweep`` runs more 
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
@@ -19,10 +20,12 @@ from typing import Any
 import foreign_checks
 import numpy as np
 
+from automcm.scenarios.road import STEP_S
 from automcm_evaluation.sweeps.traffic_sweep import SECONDS, drawn
 from automcm_evaluation.traffic import lanelet_network
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.sumo_mover import NETWORKS, SUBLANE_M, sumo_home
+from automcm_evaluation.traffic.distance_guard import LEFT_M, limits
+from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
+from automcm_evaluation.traffic.sumo_mover import NETWORKS, SUBLANE_M, SumoMover, sumo_home
 from automcm_evaluation.traffic.traffic_scenario import Setting
 from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_evaluation.traffic_scenarios.intersection_traffic import LaneletIntersection
@@ -146,6 +149,35 @@ def nobody_stands_across_a_lane() -> None:
     assert not record["collisions"]["all"], record["collisions"]
 
 
+def a_vehicle_stops_behind_what_sumo_does_not_see() -> None:
+    """It brakes as hard as the guard asks, though SUMO's vehicles brake for a speed that is set
+    with no more than the comfortable deceleration."""
+    car = RoadUser(
+        number=1, route=("road",), lane=0, at_m=30.0, speed=20.0, desired=20.0, equipped=True
+    )
+    lorry = RoadUser(
+        number=2, route=(), lane=0, at_m=0.0, speed=0.0, desired=0.0, equipped=False, length=16.0
+    )
+    users = {user.number: user for user in (car, lorry)}
+    with tempfile.TemporaryDirectory() as folder:
+        mover = SumoMover([car], "two_lanes", Path(folder), seed=1)
+        try:
+            begin = mover.bodies()[1]
+            stands = Body(begin.x + (car.length + lorry.length) / 2 + 30.0, begin.y, 0.0, 0.0, 0.0)
+            speeds = [begin.speed]
+            while speeds[-1] > 0.0 and len(speeds) < 100:
+                bodies = {1: mover.bodies()[1], 2: stands}
+                mover.control(1, None, 0.0, limits({1}, bodies, users, 100.0).get(1))
+                mover.step()
+                speeds.append(mover.bodies()[1].speed)
+            gap = stands.x - mover.bodies()[1].x - (car.length + lorry.length) / 2
+        finally:
+            mover.close()
+    hardest = max(a - b for a, b in itertools.pairwise(speeds)) / STEP_S
+    assert LEFT_M - 0.1 < gap < 2.0, (gap, hardest)
+    assert AUTOMATED.comfortable < hardest < AUTOMATED.hardest + 1e-6, hardest
+
+
 CHECKS: tuple[Callable[[], None], ...] = (
     a_run_without_stations_has_a_record,
     sumo_drives_along_the_lanelets,
@@ -154,6 +186,7 @@ CHECKS: tuple[Callable[[], None], ...] = (
     every_log_is_allowed,
     a_prescription_is_driven_and_not_teleported,
     nobody_stands_across_a_lane,
+    a_vehicle_stops_behind_what_sumo_does_not_see,
     nothing_bad_happens,
 )
 

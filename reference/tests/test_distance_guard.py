@@ -1,4 +1,4 @@
-"""An equipped vehicle does not touch whatever is in its way as it stands on the road."""
+"""An equipped vehicle does not touch a vehicle that is in its way as it stands on the road."""
 
 from __future__ import annotations
 
@@ -74,11 +74,16 @@ def test_only_those_asked_for_are_limited() -> None:
     )
 
 
-@pytest.mark.parametrize("places", [(9.0, 12.0), (12.0, 9.0)])
+def test_a_limit_asks_for_no_harder_braking_than_the_hardest() -> None:
+    """Whoever comes into the way too late is hit, but the limit can be kept."""
+    assert limit(body(5.0)) == 10.0 - AUTOMATED.hardest * STEP_S
+
+
+@pytest.mark.parametrize("places", [(11.5, 12.0), (12.0, 11.5)])
 def test_the_nearest_counts(places: tuple[float, float]) -> None:
     users = {n: user(n) for n in (1, 2, 3)}
     bodies = {1: body(0.0, speed=10.0), 2: body(places[0]), 3: body(places[1])}
-    assert limits({1}, bodies, users, SIGHT_M) == {1: limit(body(9.0))}
+    assert limits({1}, bodies, users, SIGHT_M) == {1: limit(body(11.5))}
 
 
 def test_who_is_beyond_the_sensors_does_not_count() -> None:

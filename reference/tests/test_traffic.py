@@ -20,6 +20,7 @@ from automcm.kernels.trajectory import Trajectory
 from automcm.scenarios.lane_change import LaneChange
 from automcm.scenarios.road import STRAIGHT
 from automcm.service.service import McService
+from automcm_evaluation.traffic import distance_guard
 from automcm_evaluation.traffic.even_radio import EvenRadio
 from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_evaluation.traffic.seen_from_above import Frames
@@ -172,14 +173,28 @@ def test_the_mover_gets_the_prescribed_speed_of_a_receiver() -> None:
     told: list[tuple[int, float]] = []
     control = mover.control
 
-    def watch(number: int, speed: float | None, aside: float) -> None:
-        control(number, speed, aside)
+    def watch(number: int, speed: float | None, aside: float, limit: float | None = None) -> None:
+        control(number, speed, aside, limit)
         if speed is not None:
             told.append((number, speed))
 
     mover.control = watch  # type: ignore[method-assign]
     made.run()
     assert {number for number, _ in told} <= set(made.users) and len(told) > 20
+
+
+def test_nobody_exceeds_the_limit_of_the_distance_guard(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: set[int] = set()
+
+    def limits(of: set[int], *rest: object) -> dict[int, float]:
+        asked.update(of)
+        return dict.fromkeys(of, 1.0)
+
+    monkeypatch.setattr(distance_guard, "limits", limits)
+    made, mover = traffic(seed=3, vehicles=8)
+    made.run()
+    assert asked == {number for number, user in made.users.items() if user.equipped} != set()
+    assert max(mover.bodies()[number].speed for number in asked) <= 1.0
 
 
 # -- the radio

@@ -41,7 +41,11 @@ class RoadMover:
             if n not in self.gone
         }
 
-    def control(self, number: int, speed: float | None, aside: float) -> None:
+    def control(
+        self, number: int, speed: float | None, aside: float, limit: float | None = None
+    ) -> None:
+        if limit is not None:
+            speed = limit if speed is None else min(speed, limit)
         self._speeds[number], self._aside[number] = speed, aside
 
     def step(self) -> None:

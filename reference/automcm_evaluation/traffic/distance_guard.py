@@ -1,4 +1,4 @@
-"""The distance of equipped vehicles to whatever is in their way as it stands on the road.
+"""The distance of equipped vehicles to vehicles that are in their way as these stand on the road.
 
 SUMO's drivers take vehicles for rectangles along the lane.  One that changes lanes is turned, so
 that its rear can be in the way of a vehicle that SUMO lets pass.  The sensors of an equipped
@@ -20,7 +20,7 @@ ASIDE_M = 0.1
 LEFT_M = 0.5
 """The least distance ahead, m."""
 REAR = np.array([(-1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0), (0.0, -1.0), (0.0, 1.0)])
-"""Points of a rectangle that may be in the way of who follows, in half lengths and widths."""
+"""Points of a rectangle that may be in the way of a follower, in half lengths and widths."""
 
 
 def limits(
@@ -29,7 +29,8 @@ def limits(
     """The speeds, m/s, that these vehicles must not exceed in the next step, where they would.
 
     A vehicle must be able to stop, braking as hard as it can, behind each point of another that is
-    within its width, if that other one brakes as hard.  ``range_m`` is the range of the sensors.
+    within its width, if that other one brakes as hard.  No limit asks for harder braking than that.
+    ``range_m`` is the range of the sensors.
     """
     numbers = [n for n in bodies if n in users and users[n].kind != "person"]
     if len(numbers) < 2:
@@ -54,6 +55,6 @@ def limits(
     slow = hardest * STEP_S
     stops = np.sqrt(slow**2 + speed[j] ** 2 + 2 * hardest * np.maximum(gap, 0.0)) - slow
     limit = np.full(len(numbers), np.inf)
-    np.minimum.at(limit, i, stops)
+    np.minimum.at(limit, i, np.maximum(stops, speed[i] - slow))
     due = np.flatnonzero(limit < speed + AUTOMATED.acceleration * STEP_S)
     return {numbers[n]: float(limit[n]) for n in due.tolist()}

@@ -68,11 +68,14 @@ class Mover(Protocol):
         are known.
         """
 
-    def control(self, number: int, speed: float | None, aside: float) -> None:
+    def control(
+        self, number: int, speed: float | None, aside: float, limit: float | None = None
+    ) -> None:
         """For the next step of an equipped vehicle: the speed that its control sets, m/s (None: it
         drives as its distance control does), and how far to the left it steers, m.
 
-        It keeps the distance to whoever is ahead in any case.
+        For ``speed`` it brakes with at most ``AUTOMATED.comfortable``; it does not exceed
+        ``limit``, m/s, however hard it must brake.  It keeps the distance to the vehicle ahead.
         """
 
     def step(self) -> None:

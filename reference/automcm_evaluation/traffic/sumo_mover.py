@@ -40,7 +40,10 @@ TAKES_NO_LANE = 0
 """SUMO's lane change mode: only the control changes lanes."""
 OWN_PRIORITY = 23
 """SUMO's speed mode: the control decides when to enter a junction; SUMO still keeps the distance
-to vehicles ahead and to those inside it."""
+to vehicles ahead and to those inside it. It brakes for the control's speed with at most its
+``decel``."""
+BRAKES_HARD = OWN_PRIORITY - 4
+"""The same without the bound on braking."""
 
 
 def sumo_home() -> Path:
@@ -99,7 +102,7 @@ class SumoMover:
         self._ids = {user.number: str(user.number) for user in users}
         self._half = {user.number: user.length / 2 for user in users}
         self._lines: dict[tuple[str, ...], RoadLine] = {}
-        self._steered: set[int] = set()
+        self._speed_modes: dict[int, int] = {}
         routes.write_text(_routes(users, cooperative), encoding="utf-8")
         program = "sumo-gui" if gui else "sumo"
         try:
@@ -130,13 +133,20 @@ class SumoMover:
         """As ``Mover.bodies``."""
         return self._bodies
 
-    def control(self, number: int, speed: float | None, aside: float) -> None:
+    def control(
+        self, number: int, speed: float | None, aside: float, limit: float | None = None
+    ) -> None:
         """As ``Mover.control``."""
         vehicle, name = self._sumo.vehicle, self._ids[number]
-        if number not in self._steered:
+        if number not in self._speed_modes:
             vehicle.setLaneChangeMode(name, TAKES_NO_LANE)
-            vehicle.setSpeedMode(name, OWN_PRIORITY)
-            self._steered.add(number)
+        mode = OWN_PRIORITY if limit is None else BRAKES_HARD
+        if self._speed_modes.get(number) != mode:
+            vehicle.setSpeedMode(name, mode)
+            self._speed_modes[number] = mode
+        if limit is not None:
+            least = self._bodies[number].speed - AUTOMATED.comfortable * STEP_S
+            speed = limit if speed is None else min(max(speed, least), limit)
         vehicle.setSpeed(name, -1.0 if speed is None else speed)
         vehicle.changeSublane(name, aside)
 

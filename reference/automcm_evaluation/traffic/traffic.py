@@ -143,10 +143,9 @@ class Traffic:
         of, sight_m = {v.station_id for v in driven}, self.setting.sight_m
         limits = distance_guard.limits(of, bodies, self.users, sight_m)
         for vehicle in driven:
-            speed, limit = vehicle.set_speed(now / 1000), limits.get(vehicle.station_id)
-            if limit is not None:
-                speed = limit if speed is None else min(speed, limit)
-            self.mover.control(vehicle.station_id, speed, vehicle.aside)
+            number = vehicle.station_id
+            speed = vehicle.set_speed(now / 1000)
+            self.mover.control(number, speed, vehicle.aside, limits.get(number))
         self.measures.step(now, bodies, self)
         self._observe(self)
 
