@@ -30,10 +30,10 @@ def traffic(
     seconds: Annotated[float, typer.Option(help="Simulated time in seconds.", min=1)] = 10,
     json_: Json = None,
 ) -> None:
-    """Simulated seconds a second with stations, and in SUMO alone.
+    """Simulated seconds a second, with and without stations.
 
-    Both run on one core in this process, one after the other; the time is that of the processor.
-    Needs automcm[sumo].
+    SUMO alone is the baseline.  All run on one core in this process, one after the other; the time
+    is that of the processor.  Needs automcm[sumo].
     """
     from automcm_evaluation.traffic.mover import TrafficError
     from automcm_evaluation.traffic.traffic_scenario import Setting
@@ -47,7 +47,12 @@ def traffic(
         report = measured(run, notify)
     if write_json(json_, report):
         typer.echo(
-            f"without stations  {report['alone']['simulated_per_s']:8.1f} simulated s a second"
+            f"SUMO alone        {report['alone']['simulated_per_s']:8.1f} simulated s a second"
+        )
+        without = report["without"]
+        typer.echo(
+            f"without stations  {without['simulated_per_s']:8.1f}, "
+            f"{without['times_alone']:.1f} times as long"
         )
         for share, found in report["stations"].items():
             typer.echo(
