@@ -11,6 +11,8 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -178,6 +180,19 @@ def a_vehicle_stops_behind_what_sumo_does_not_see() -> None:
     assert AUTOMATED.comfortable < hardest < AUTOMATED.hardest + 1e-6, hardest
 
 
+def the_command_of_the_readme_draws_a_merge() -> None:
+    readme = Path(__file__).parents[2] / "README.md"
+    (command,) = re.findall(r"automcm (simulate traffic [^#\n]*[^#\s])", readme.read_text("utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        options = [*command.split(), "--out", folder]
+        made = subprocess.run(
+            [sys.executable, "-m", "automcm_cli", *options], capture_output=True, text=True
+        )
+        assert made.returncode == 0, made.stderr
+        page = Path(folder, "page.html").read_text("utf-8")
+        assert '"traffic":{"every_ms"' in page, made.stdout
+
+
 CHECKS: tuple[Callable[[], None], ...] = (
     a_run_without_stations_has_a_record,
     sumo_drives_along_the_lanelets,
@@ -187,6 +202,7 @@ CHECKS: tuple[Callable[[], None], ...] = (
     a_prescription_is_driven_and_not_teleported,
     nobody_stands_across_a_lane,
     a_vehicle_stops_behind_what_sumo_does_not_see,
+    the_command_of_the_readme_draws_a_merge,
     nothing_bad_happens,
 )
 

@@ -324,6 +324,8 @@ def test_bad_settings_are_named() -> None:
         Run(scenario="fly")
     with pytest.raises(ValueError, match="loss must be"):
         Run(scenario="lane-change", loss=2)
+    with pytest.raises(ValueError, match="loss is a setting of the radio 'even'"):
+        Run(scenario="lane-change", radio="table", loss=0.1)
 
 
 def test_vehicles_start_apart_and_no_draw_shifts_another() -> None:

@@ -42,6 +42,8 @@ class Run:
             raise ValueError(f"scenario must be one of {', '.join(SCENARIOS)}, not {self.scenario}")
         if not 0 <= self.loss <= 1:
             raise ValueError(f"loss must be from 0 to 1, not {self.loss}")
+        if self.loss and self.radio != "even":
+            raise ValueError(f"loss is a setting of the radio 'even', not of {self.radio!r}")
         SCENARIOS[self.scenario].users(self.setting)
 
     def drive(
