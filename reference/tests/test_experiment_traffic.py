@@ -40,6 +40,7 @@ def result(s_per_km: float) -> Values:
         "lost": 0.1,
         "lane_changes": 3,
         "hard_brakings": 1,
+        "hard_brakings_equipped": 0,
         "critical_s": 0.0,
         "least_ttc_s": 3.0,
         "jerk_equipped": 1.0,
@@ -129,6 +130,26 @@ def test_a_faster_run_is_counted_and_makes_the_claim_hold() -> None:
     assert made["paired"][0]["faster_silent"] == 2
     held = claims({"summary": made | {"answers": [], "all_ask": [_asked(first=2)]}})
     assert held[0].verdict == "beyond the paper"
+
+
+def test_runs_that_come_near_a_collision_are_counted_by_variant() -> None:
+    found = [Cell(v, result(50.0)) for v in cells(SMALL) if v["part"] == "road"]
+    of = {
+        name: [c for c in found if c.values["variant"] == name] for name in ("stations", "silent")
+    }
+    for some, ttc in ((of["silent"], 1.4), (of["stations"], 1.5)):
+        some[0].result.update(least_ttc_s=ttc, critical_s=0.2, hard_brakings_equipped=2)
+    some[1].result["least_ttc_s"] = None
+    made = summary(found) | {"answers": [], "all_ask": []}
+    silent, stations = made["near"]["silent"], made["near"]["stations"]
+    assert (silent["critical_runs"], stations["critical_runs"]) == (1, 0), "below 1.5 s"
+    assert (silent["least_ttc_s"], silent["critical_s"], silent["hard_equipped"]) == (1.4, 0.2, 2)
+    assert stations["vehicle_hours"] == round(len(of["stations"]) * 450 / 3600, 1)
+    (claim,) = [c for c in claims({"summary": made}) if "nobody nearer" in c.claim]
+    assert claim.verdict == "beyond the paper" and "least 1.4 s" in claim.here
+    made["near"]["stations"]["critical_runs"] = 2
+    (claim,) = [c for c in claims({"summary": made}) if "nobody nearer" in c.claim]
+    assert claim.verdict == "not reproduced"
 
 
 def _asked(first: int) -> Values:

@@ -17,6 +17,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from automcm.scenarios.occupancy import HARDEST
 from automcm_evaluation.arrival.arrival_claims import sumo_gain
 from automcm_evaluation.bandwidth.bandwidth_summary import drive
 from automcm_evaluation.framework import figures
@@ -26,6 +27,7 @@ from automcm_evaluation.safety.ablations import WHOLE
 from automcm_evaluation.safety.safety_page import road_sum
 from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, WINDOWS_MS
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
+from automcm_evaluation.traffic.traffic_measures import TTC_S
 from automcm_evaluation.traffic_experiment.traffic_page import coverage, ended, indifferent, signed
 from automcm_spec.support import files, markdown
 from automcm_spec.vocabulary.parameters import Parameters
@@ -176,6 +178,10 @@ def evaluation(folder: Path) -> str:
         near_m=NEAR_M,
         removed=len(mechanisms),
         traffic=traffic,
+        stretch_m=reports["traffic"]["settings"]["metres"],
+        run_s=reports["traffic"]["settings"]["seconds"],
+        ttc_s=TTC_S,
+        hardest=HARDEST,
         limit=Parameters().max_participants,
         coverage=coverage(traffic["road"]),
         indifferent=indifferent(reports["traffic"]["cells"]),

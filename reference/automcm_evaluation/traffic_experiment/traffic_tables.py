@@ -9,6 +9,7 @@ from typing import Any
 
 from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen
 from automcm_evaluation.framework.intervals import mean, quantile
+from automcm_evaluation.traffic.traffic_measures import TTC_S
 from automcm_evaluation.traffic_experiment.traffic_cell import VARIANTS
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -42,13 +43,15 @@ MEASURES: Mapping[str, Callable[[Values], float | None]] = MappingProxyType(
 
 def summary(cells: Sequence[Cell]) -> Values:
     """``road`` by scenario, density, penetration and variant; ``paired`` differences in travel
-    time; ``collisions`` and ``hazards`` of all runs; ``answers`` and ``all_ask`` of crowds."""
+    time; ``near`` (how near they came to a collision) and ``collisions`` by variant; ``hazards`` of
+    all runs; ``answers`` and ``all_ask`` of crowds."""
     runs = chosen(cells, part="road")
     crowds = chosen(cells, part="all ask")
     hazards = _hazards([*runs, *crowds])
     return {
         "road": _road(runs),
         "paired": _paired(runs),
+        "near": _near(runs),
         "collisions": _collisions(runs),
         "hazards": hazards,
         "answers": [cell.values | cell.result for cell in chosen(cells, part="answers")],
@@ -124,6 +127,23 @@ def _paired(runs: Sequence[Cell]) -> list[Values]:
     return found
 
 
+def _near(runs: Sequence[Cell]) -> dict[str, Values]:
+    found = {}
+    for variant in VARIANTS:
+        results = [cell.result for cell in chosen(runs, variant=variant)]
+        least = [r["least_ttc_s"] for r in results if r["least_ttc_s"] is not None]
+        found[variant] = {
+            "runs": len(results),
+            "critical_runs": sum(ttc < TTC_S for ttc in least),
+            "critical_s": round(sum(r["critical_s"] for r in results), 1),
+            "least_ttc_s": min(least, default=None),
+            "hard": sum(r["hard_brakings"] for r in results),
+            "hard_equipped": sum(r["hard_brakings_equipped"] for r in results),
+            "vehicle_hours": round(sum(r["vehicle_s"] for r in results) / 3600, 1),
+        }
+    return found
+
+
 def _collisions(runs: Sequence[Cell]) -> Values:
     found: Values = {}
     for variant in VARIANTS:
@@ -190,7 +210,7 @@ def claims(report: Values) -> list[Claim]:
     s = report["summary"]
     found = [_limit(s), *_at_once(s)]
     if s["road"]:
-        found = [_travel(s), _no_collision(s), *found]
+        found = [_travel(s), _no_collision(s), _no_nearer(s), *found]
     return [*found, _bound(s)]
 
 
@@ -212,7 +232,7 @@ def _travel(s: Values) -> Claim:
         "with stations, traffic needs less time",
         f"time for a km: {here}",
         bool(every) and max(every) < 0,
-        "vehicles with stations change lanes at drawn times, not to be faster; whoever makes room "
+        "vehicles with stations change lanes at drawn times, not to be faster; one that makes room "
         "slows down",
     )
 
@@ -224,6 +244,21 @@ def _no_collision(s: Values) -> Claim:
         f"{here['between_equipped']} between equipped vehicles and {here['by_maneuver']} by a "
         f"maneuver in {here['runs']} runs; {here['all']} in all",
         not (here["between_equipped"] or here["by_maneuver"]),
+    )
+
+
+def _no_nearer(s: Values) -> Claim:
+    stations, silent = s["near"]["stations"], s["near"]["silent"]
+    here = "; ".join(
+        f"{name}: {n['critical_runs']} of {n['runs']} runs, least {n['least_ttc_s']:.1f} s"
+        for name, n in (("with stations", stations), ("same vehicles, messages lost", silent))
+        if n["least_ttc_s"] is not None
+    )
+    return beyond(
+        "agreements bring nobody nearer to a collision",
+        f"time to collision below {TTC_S} s: {here}",
+        stations["critical_runs"] <= silent["critical_runs"],
+        "without agreements these vehicles stay in their lanes",
     )
 
 
