@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,6 +50,21 @@ def test_what_stands_beside_the_results_is_made_of_them(name: str) -> None:
     made = report.load(FOLDER / name / report.RESULTS)
     assert made == RESULTS[name]
     assert (FOLDER / name / f"{name}.csv").read_text() == report.table(made)
+
+
+def test_short_runs_in_which_nobody_comes_near_have_a_page(tmp_path: Path) -> None:
+    for name in NAMES:
+        made = json.loads(json.dumps(RESULTS[name]))
+        if name == "traffic":
+            road = [c for c in made["cells"] if c["values"]["part"] == "road"]
+            for cell in road:
+                cell["result"] |= {"least_ttc_s": None, "vehicle_s": 1.0}
+            first = [c for c in road if c["values"]["seed"] == 1 and c["values"]["per_km"] == 50]
+            made["cells"] = [c for c in made["cells"] if c not in road] + first
+        (tmp_path / name).mkdir()
+        (tmp_path / name / report.RESULTS).write_text(json.dumps(made))
+    text = report.evaluation(tmp_path)
+    assert "runs with stations (" in text and "the least" not in text.split("- Distances.")[1]
 
 
 def test_each_figure_is_there_and_on_a_page() -> None:

@@ -145,6 +145,7 @@ def test_runs_that_come_near_a_collision_are_counted_by_variant() -> None:
     assert (silent["critical_runs"], stations["critical_runs"]) == (1, 0), "below 1.5 s"
     assert (silent["least_ttc_s"], silent["critical_s"], silent["hard_equipped"]) == (1.4, 0.2, 2)
     assert stations["vehicle_hours"] == round(len(of["stations"]) * 450 / 3600, 1)
+    assert silent["hard_per_100_h"] == round(100 / 450 * 3600, 1), "one in each run"
     (claim,) = [c for c in claims({"summary": made}) if "nobody nearer" in c.claim]
     assert claim.verdict == "beyond the paper" and "least 1.4 s" in claim.here
     made["near"]["stations"]["critical_runs"] = 2

@@ -135,7 +135,8 @@ EXPERIMENT = Experiment(
             crowds=1,
         ),
         "standard": Scale(
-            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_page.ASKED_SEEDS), *_grid()), crowds=20
+            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_page.ASKED_SEEDS), *_grid()),
+            crowds=traffic_page.ASKED_SEEDS,
         ),
         "coarse": Scale(
             blocks=(

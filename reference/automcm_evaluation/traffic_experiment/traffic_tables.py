@@ -132,14 +132,17 @@ def _near(runs: Sequence[Cell]) -> dict[str, Values]:
     for variant in VARIANTS:
         results = [cell.result for cell in chosen(runs, variant=variant)]
         least = [r["least_ttc_s"] for r in results if r["least_ttc_s"] is not None]
+        hours = sum(r["vehicle_s"] for r in results) / 3600
+        hard = sum(r["hard_brakings"] for r in results)
         found[variant] = {
             "runs": len(results),
             "critical_runs": sum(ttc < TTC_S for ttc in least),
             "critical_s": round(sum(r["critical_s"] for r in results), 1),
             "least_ttc_s": min(least, default=None),
-            "hard": sum(r["hard_brakings"] for r in results),
+            "hard": hard,
+            "hard_per_100_h": round(100 * hard / hours, 1) if hours else None,
             "hard_equipped": sum(r["hard_brakings_equipped"] for r in results),
-            "vehicle_hours": round(sum(r["vehicle_s"] for r in results) / 3600, 1),
+            "vehicle_hours": round(hours, 1),
         }
     return found
 
@@ -249,11 +252,12 @@ def _no_collision(s: Values) -> Claim:
 
 def _no_nearer(s: Values) -> Claim:
     stations, silent = s["near"]["stations"], s["near"]["silent"]
-    here = "; ".join(
-        f"{name}: {n['critical_runs']} of {n['runs']} runs, least {n['least_ttc_s']:.1f} s"
-        for name, n in (("with stations", stations), ("same vehicles, messages lost", silent))
-        if n["least_ttc_s"] is not None
-    )
+
+    def of(name: str, n: Values) -> str:
+        least = "" if n["least_ttc_s"] is None else f", least {n['least_ttc_s']:.1f} s"
+        return f"{name}: {n['critical_runs']} of {n['runs']} runs{least}"
+
+    here = f"{of('with stations', stations)}; {of('same vehicles, messages lost', silent)}"
     return beyond(
         "agreements bring nobody nearer to a collision",
         f"time to collision below {TTC_S} s: {here}",

@@ -15,7 +15,7 @@ from automcm_spec.support import scratch
 
 
 def measured(run: Run, notify: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
-    """The figures of this run: SUMO alone, with the measures of traffic, and with stations.
+    """The figures of this run: of SUMO alone, and with measures, without and with stations.
 
     Raises TrafficError without SUMO or ns-3.
     """
