@@ -54,7 +54,7 @@ def test_the_code_of_the_reference_s_page_prints_what_stands_below_it(
     monkeypatch.chdir(tmp_path)
     parts = blocks("reference.md")
     shown = [(c, o[1]) for (kind, c), o in pairwise(parts) if kind == "python"]
-    assert len(shown) == 2
+    assert len(shown) == 1
     for code, printed in shown:
         exec(compile(code, "<reference.md>", "exec"), {})
         assert capsys.readouterr().out == printed

@@ -88,7 +88,7 @@ class Station:
         plan: Plan = unconcerned,
         number: int = 0,
         seed: int = 0,
-        rules: Rules = RULES,
+        rules: Rules | None = None,
         decode: Decode = decode,
     ) -> None:
         self.parameters = p = parameters or DEFAULT
@@ -102,7 +102,7 @@ class Station:
         the next arming on.  For the conformance kit."""
         self._times = _times(p)
         self._plan = plan
-        self._rules = rules
+        self._rules = RULES if rules is None else rules
         self._decode = decode
         self._random = random.Random(seed)
         self._joined_at: dict[int, int] = {}

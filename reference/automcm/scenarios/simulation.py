@@ -11,12 +11,11 @@ from automcm.links.clock import OffsetClock, VirtualClock
 from automcm.links.link import Link
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.straight_lane import LANE_CHANGE
-from automcm.service import event_log
 from automcm.service.application import Application
+from automcm.service.event_log import open_log
 from automcm.service.service import McService, Observer
 from automcm_spec.vocabulary.application import Command
-from automcm_spec.vocabulary.parameters import Parameters, in_header
-from automcm_traces.format.writer import LogWriter
+from automcm_spec.vocabulary.parameters import Parameters
 
 
 class Simulation:
@@ -58,14 +57,11 @@ class Simulation:
         log = None
         if self._logs is not None:
             log = self._stack.enter_context(
-                LogWriter(
+                open_log(
                     self._logs / f"{station_id}.ndjson",
+                    station_id,
+                    parameters,
                     run=f"seed-{self._seed}",
-                    station=station_id,
-                    implementation="automcm",
-                    version="0.1.0",
-                    parameters=in_header(parameters.known),
-                    complete=event_log.COMPLETE,
                 )
             )
         service = self._service(

@@ -255,3 +255,14 @@ class Application(Protocol):
 
     def refused(self, command: str, rule: str) -> None:
         """A command was refused; ``undecided``: the answer came too late (NEG-3)."""
+
+
+def check_methods(application: object) -> None:
+    """Raises TypeError if a method of ``Application`` is missing; the text names it."""
+    methods = [name for name in vars(Application) if not name.startswith("_")]
+    missing = [name for name in methods if not callable(getattr(application, name, None))]
+    if missing:
+        raise TypeError(
+            f"{type(application).__name__} lacks {', '.join(missing)}: "
+            f"an Application has {', '.join(methods)}"
+        )

@@ -4,15 +4,37 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.state import Timer
 from automcm.core.station import Effects
 from automcm_spec.vocabulary.messages import to_dict
-from automcm_traces.format.writer import LogWriter
+from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_traces.format.writer import LogWriter, Sink
 
+VERSION = metadata.version("automcm")
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
+
+
+def open_log(
+    target: str | Path | Sink, station_id: int, parameters: Parameters | None = None, *, run: str
+) -> LogWriter:
+    """The log of one service of this implementation, for ``McService``; ``run`` names the run.
+
+    Logs of stations of one run have the same ``run``.  Raises OSError if it cannot be written.
+    """
+    return LogWriter(
+        target,
+        run=run,
+        station=station_id,
+        implementation="automcm",
+        version=VERSION,
+        parameters=in_header((parameters or Parameters()).known),
+        complete=COMPLETE,
+    )
 
 
 def timer(t: Timer) -> dict[str, Any]:

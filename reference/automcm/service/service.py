@@ -16,7 +16,6 @@ from logging import getLogger
 from operator import attrgetter
 
 from automcm.core.outcome import Received, ReceivedCam, Rules
-from automcm.core.rules import RULES
 from automcm.core.state import State
 from automcm.core.station import Effects, Station
 from automcm.encoding.codec import JSON, Codec
@@ -33,6 +32,7 @@ from automcm.service.application import (
     CloseWindow,
     Heard,
     Proposal,
+    check_methods,
 )
 from automcm.service.clock_offsets import ClockOffsets, OutOfStep
 from automcm.service.statistics import Statistics
@@ -113,7 +113,7 @@ class McService:
         keep_number: Callable[[int], None] = lambda number: None,
         seed: int = 0,
         codec: Codec = JSON,
-        rules: Rules = RULES,
+        rules: Rules | None = None,
         marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks"),
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
@@ -152,6 +152,7 @@ class McService:
         self._open = self._closed = self._stopping = False
         self._proposal: Proposal | None = None
         self._before = self.station.state
+        check_methods(application)
         application.attach(self)
 
     @property

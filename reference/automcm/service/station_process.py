@@ -25,15 +25,15 @@ from automcm.encoding.codec import Codec
 from automcm.links.clock import SLEW, AsyncioClock
 from automcm.links.link import Link, LinkError
 from automcm.links.udp_link import UdpLink
-from automcm.service import event_log
 from automcm.service.application import Application, CloseWindow
 from automcm.service.datagram_log import Both
+from automcm.service.event_log import open_log
 from automcm.service.line_output import LineOutput, create
 from automcm.service.service import McService
 from automcm_spec.support import files
 from automcm_spec.vocabulary.application import Command, Fallback, Propose
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
-from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.format.writer import LogWriter, Sink
 
 if TYPE_CHECKING:
@@ -269,15 +269,7 @@ class StationProcess:
             raise OSError(f"{path}: {output.lost} log records were lost")
 
     def _writer(self, sink: Sink) -> LogWriter:
-        return LogWriter(
-            sink,
-            run=self.run_name,
-            station=self.station_id,
-            implementation="automcm",
-            version="0.1.0",
-            parameters=in_header(self.parameters.known),
-            complete=event_log.COMPLETE,
-        )
+        return open_log(sink, self.station_id, self.parameters, run=self.run_name)
 
     def _observe(self, before: State, effects: Effects) -> None:
         """Report messages, changes of phase and indications."""
