@@ -10,20 +10,24 @@ ifneq ($(filter C POSIX,$(LC_ALL)),)
 unexport LC_ALL
 endif
 
-.PHONY: verify test test-whole test-all test-deep test-faults test-foreign test-explore test-traces generate \
+.PHONY: verify test test-slow test-whole test-all test-deep test-faults test-foreign test-explore test-traces generate \
   pages evaluation docs fuzz clean ready
 .DELETE_ON_ERROR:
 
 verify: ready
 	@$(BIN)/automcm verify $(ARGS)
 
-# Before a commit: lint, types, and the quick tests, in five minutes.
+# Before a commit: lint, types, and the quick tests, in two minutes.
 test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow and not deep" \
 	  --hypothesis-profile=quick $(ARGS)
+
+# The tests marked slow.
+test-slow: ready
+	@$(BIN)/pytest -q -n 2 --dist worksteal -m "slow and not deep" $(ARGS)
 
 # All quick and slow tests, with branch coverage.
 test-whole: ready

@@ -1,4 +1,4 @@
-"""Links that leave docs/ lead to a copy of the file, as text, in the site.
+"""Links that leave docs/ lead to a copy of the file, as text; to a folder, to a list of names.
 
 ``[x](../spec/models/x.cfg)`` is right where the repository is read; the site has no such folder.
 """
@@ -27,8 +27,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for name in OUTSIDE.findall(page.content_string)
     }
     for name, page in sorted(linked.items()):
+        path = root / name
         try:
-            text = (root / name).read_text(encoding="utf-8")
+            text = _names(path) if path.is_dir() else path.read_text(encoding="utf-8")
         except OSError as error:
             raise PluginError(f"{page}: ../{name}: {error.strerror}") from None
         files.append(File.generated(config, _copy(name), content=text))
@@ -40,6 +41,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if "/" in page.file.src_uri:
         return markdown
     return OUTSIDE.sub(lambda found: f"]({_copy(found[1])})", markdown)
+
+
+def _names(folder: Path) -> str:
+    return "".join(f"{path.name}\n" for path in sorted(folder.iterdir()))
 
 
 def _copy(name: str) -> str:

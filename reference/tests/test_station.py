@@ -1,9 +1,13 @@
-"""One station: message numbers, indications, and memory."""
+"""One station: what the graph leaves out. Message numbers, content, durations, malformed bytes.
+
+``make verify`` gives each input of the graph to each of its states.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from automcm_stage import (
     ME,
     OTHER,
@@ -13,7 +17,6 @@ from automcm_stage import (
     TARGET,
     THEIRS,
     Stage,
-    ack,
     advertisement,
     cam,
     cancel,
@@ -77,6 +80,12 @@ def test_each_session_counts_its_seq_from_1() -> None:
     s.restart(2300)
     (again,) = sent(s.do(10_000, "request"))
     assert (again.session, again.seq) == ((ME, 3), 1)
+
+
+def test_adv_5_a_copy_is_answered_with_the_fin_in_the_outbox() -> None:
+    s = Stage().walk("prescriber", "ACTUATING")
+    (last,) = sent(s.do(2250, "complete", OWN), "Fin")
+    assert sent(s.hear(2260, yes()) + s.hear(2260, intention())) == [last] * 2
 
 
 # -- what the application gets
@@ -171,23 +180,18 @@ def test_bytes_and_the_message_they_hold_are_the_same_input() -> None:
     assert s.state == t.state
 
 
-# -- memory
+# -- durations
 
 
-def test_mem_1_participants() -> None:
-    """A withdrawn station counts on, and one whose Cancel overtakes its Intention."""
-    s = Stage(max_participants=2).walk("prescriber", "ADVERTISING")
-    joining = [intention(2), intention(3), intention(4), intention(2)]
-    leaving = [cancel(src=2, session=OWN), intention(4), cancel(src=4, session=OWN)]
-    rules = [s.hear(10, message)[0].rule for message in joining + leaving]
-    assert rules == ["ADV-5", "ADV-5", "MEM-1", "ADV-5", "END-2", "MEM-1", "END-3"]
-
-
-def test_mem_1_a_session_needs_room_in_the_outbox() -> None:
-    s = Stage(max_participants=2, outbox_limit=4).walk("receiver", "WAITING")
-    s.do(100, "abort", THEIRS)
-    (request,) = s.do(150, "request")
-    (join,) = s.hear(150, advertisement((8, 1)))
-    assert (request.rule, join.rule) == ("MEM-1", "MEM-1")
-    s.hear(160, ack(s.state.outbox[0]))
-    assert s.do(170, "request")[-1].rule == "ADV-1"
+@pytest.mark.parametrize("cams", [False, True])
+@pytest.mark.parametrize("place", Stage.PHASES, ids=" ".join)
+def test_l_1_every_timer_of_every_phase(place: tuple[str, str], cams: bool) -> None:
+    """Left alone, or with the CAMs of its peer, a station ends all that it has begun: ADV-2,
+    ADV-6, ADV-7, ADV-8, PRE-1, PRE-4, PRE-5, NEG-3, NEG-8, NEG-9, ACT-2, ACT-4, END-7, END-8."""
+    s = Stage().walk(*place)
+    for now in range(s.now + 1000, 40_000, 1000):
+        s.run(now)
+        if cams:
+            for src, session in ((TARGET, OWN), (PRESCRIBER, THEIRS)):
+                s.hear(now, cam(src, now, session))
+    assert s.at == ("none", "STANDALONE") and not s.station.timers

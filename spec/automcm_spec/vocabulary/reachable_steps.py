@@ -11,16 +11,17 @@ Step: TypeAlias = tuple[State, Input, Outcome]
 
 
 def steps(station: OpenStation, recorded: OpenStation | None = None) -> Iterator[Step]:
-    """Each reachable state with each input offered there, and the outcome.
+    """Each reachable state with each input offered there, and the outcome, always in this order.
 
     ``recorded``, if given, computes the outcomes (automcm_spec.vocabulary.conditions.recording).
     """
     stepper = recorded or station
-    given = [i for i in station.alphabet if not isinstance(i, Expire)]
+    given = sorted((i for i in station.alphabet if not isinstance(i, Expire)), key=repr)
     seen, following = {station.initial}, [station.initial]
     while following:
         st = following.pop()
-        expiries = [Expire("expire", timer) for timer in station.armed(station.me, st)]
+        armed = sorted(station.armed(station.me, st), key=repr)
+        expiries = [Expire("expire", timer) for timer in armed]
         for i in (*given, *expiries):
             if station.offered(st, i):
                 outcome = stepper.step(station.me, st, i)
