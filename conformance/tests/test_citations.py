@@ -38,7 +38,7 @@ def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
 
 def test_what_is_found_is_what_is_there(found: dict[str, dict[str, Cell]]) -> None:
     assert "OnForeignPrescription" in [name for name, _ in found["NEG-4"]["specification"]]
-    assert ("no_busy_refusal", "spec/models/no_busy_refusal.cfg") in found["NEG-4"]["must fail"]
+    assert "no_busy_refusal" in [name for name, _ in found["NEG-4"]["must fail"]]
     assert ("negotiating.py", "reference/automcm/core/negotiating.py") in found["NEG-4"]["code"]
     assert "AMCM/PRE/NEG/BI-01" in [name for name, _ in found["NEG-4"]["case"]]
     assert found["KIN-3"]["vector"] == [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -23,7 +22,6 @@ from automcm_maintenance.induction.proof import (  # noqa: E402
 from automcm_spec.compilation import sany  # noqa: E402
 from automcm_spec.compilation.sany import Specification  # noqa: E402
 from automcm_spec.model_checking import models  # noqa: E402
-from automcm_spec.support.paths import MODELS  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
 from automcm_spec.vocabulary.application import Command, names  # noqa: E402
 from automcm_spec.vocabulary.parameters import TIMERS  # noqa: E402
@@ -182,9 +180,9 @@ def test_each_ablation_is_tried() -> None:
 def test_the_proof_fails_without_a_mechanism(
     cfg: str, spec: Specification, ablations: Specification
 ) -> None:
-    replaced = re.findall(r"(\w+) <- (\w+)", (MODELS / f"{cfg}.cfg").read_text())
+    [config] = [model.config for model in models.load() if model.cfg == cfg]
     operators = {**ablations.operators, **spec.operators}
-    operators |= {name: operators[other] for name, other in replaced}
+    operators |= {name: operators[other] for name, other in models.replaced_in(config).items()}
     assert unproved(Prover(replace(spec, operators=operators)), BROKEN_BY[cfg])
 
 

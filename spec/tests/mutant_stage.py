@@ -53,7 +53,7 @@ def tiny(cfg: str = "tiny", seconds: float = 1, states: int = 5, **changes: Any)
     entry = {
         "cfg": cfg,
         "module": "Tiny",
-        "expect": "holds",
+        "config": "",
         "profile": "quick",
         "why": "A test.",
         "seconds": seconds,
@@ -62,6 +62,11 @@ def tiny(cfg: str = "tiny", seconds: float = 1, states: int = 5, **changes: Any)
         "depth": 4,
     }
     return Model.model_validate(entry | changes)
+
+
+def with_cfg(folder: Path, model: Model) -> Model:
+    """The model with the cfg of its name in the folder."""
+    return model.model_copy(update={"config": (folder / f"{model.cfg}.cfg").read_text()})
 
 
 def changes(folder: Path, module: str) -> dict[str, Mutant]:

@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 from automcm_cli.main import app
 from automcm_maintenance.benches import encoding_bench
 from automcm_maintenance.benches.encoding_bench import Figure, Report
-from automcm_spec.model_checking import tlc
-from automcm_spec.model_checking.models import PROPERTIES, checked_in
-from automcm_spec.support.paths import BENCH, MODELS
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking.models import PROPERTIES
+from automcm_spec.support.paths import BENCH
 
 
-def constants(cfg: Path) -> dict[str, str]:
-    return dict(re.findall(r"^  (\w+) = (.+)$", cfg.read_text(encoding="utf-8"), re.MULTILINE))
+def constants(cfg: str) -> dict[str, str]:
+    return dict(re.findall(r"^  (\w+) = (.+)$", cfg, re.MULTILINE))
 
 
 def figure(distinct_states: int, *, finished: bool) -> Figure:
@@ -33,10 +33,11 @@ def small(folder: Path, **changes: str) -> Path:
 
 
 def test_the_encodings_are_measured_on_the_same_model() -> None:
-    model = constants(MODELS / "one_by_one_two_sessions.cfg")
-    assert constants(BENCH / "set.cfg") == model
+    [config] = [m.config for m in models.load() if m.cfg == "one_by_one_two_sessions"]
+    model = constants(config)
+    assert constants((BENCH / "set.cfg").read_text()) == model
     for name in ("consumed_set", "bag"):
-        naive = constants(BENCH / f"{name}.cfg")
+        naive = constants((BENCH / f"{name}.cfg").read_text())
         assert naive == model | {
             "Reduced": "FALSE",
             "Copies": naive["Copies"],
@@ -48,7 +49,9 @@ def test_every_encoding_is_checked_for_s_1_to_s_5() -> None:
     wanted = {PROPERTIES[f"S-{n}"] for n in range(1, 6)}
     assert {path.stem for path in BENCH.glob("*.cfg")} == set(encoding_bench.ENCODINGS)
     for name in encoding_bench.ENCODINGS:
-        checked = {c.removeprefix("Naive") for c in checked_in(BENCH / f"{name}.cfg")}
+        checked = {
+            c.removeprefix("Naive") for c in models.checked_in((BENCH / f"{name}.cfg").read_text())
+        }
         assert checked == wanted
 
 

@@ -17,7 +17,6 @@ from coupled_stage import COUPLED, edited
 from automcm_spec.compilation import independence, sany
 from automcm_spec.compilation.independence import LEMMAS, Limits, Sample
 from automcm_spec.model_checking import models
-from automcm_spec.support.paths import MODELS
 from automcm_spec.vocabulary.parameters import Parameters
 
 PARAMETERS = Parameters()
@@ -74,8 +73,7 @@ LEMMA_MODELS = [m for m in models.load() if m.module == independence.PLAN.module
     "model", [m for m in LEMMA_MODELS if m.expect == "violates"], ids=lambda m: m.cfg
 )
 def test_a_must_fail_model_fails_the_sample_too(model: models.Model, xml: bytes) -> None:
-    cfg = (MODELS / f"{model.cfg}.cfg").read_text()
-    module = independence.load(xml=xml, substitutions=independence.substitutions(cfg))
+    module = independence.load(xml=xml, substitutions=models.replaced_in(model.config))
     assert model.property is not None
     assert any(found.violation for found in sampled(module, EDITED, model.property))
 

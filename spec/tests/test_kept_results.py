@@ -17,7 +17,7 @@ from automcm_spec.model_checking import kept_results, models, tlc, toolchain
 from automcm_spec.model_checking.models import Model, Verdict
 from automcm_spec.model_checking.tla_values import Function, Record
 from automcm_spec.model_checking.tlc import Location, Result, TlcError, TraceState
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 RUN = tlc.run
 NAMES = ("bare_ack", "one_by_two", "two_by_one", "drift")
@@ -57,10 +57,6 @@ class Runs:
         return self.folder / "tla"
 
     @property
-    def models(self) -> Path:
-        return self.folder / "models"
-
-    @property
     def results(self) -> Path:
         return self.folder / "runs" / "kept"
 
@@ -77,15 +73,15 @@ class Runs:
 
     def verdicts(self, **options: Any) -> dict[str, Verdict]:
         found: list[Verdict] = []
-        places: dict[str, Any] = {"models_dir": self.models, "tla_dir": self.tla}
-        kept_results.check_all(self.chosen, self.results, on_done=found.append, **places, **options)
+        kept_results.check_all(
+            self.chosen, self.results, on_done=found.append, tla_dir=self.tla, **options
+        )
         return {verdict.model.cfg: verdict for verdict in found}
 
 
 @pytest.fixture
 def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Runs:
     shutil.copytree(TLA, tmp_path / "tla")
-    shutil.copytree(MODELS, tmp_path / "models")
     made = Runs(tmp_path)
     monkeypatch.setattr(tlc, "run", made.tlc)
     return made
@@ -110,7 +106,7 @@ def append(path: Path) -> None:
 
 def entry(runs: Runs, name: str, **changes: object) -> None:
     (n,) = (n for n, model in enumerate(runs.chosen) if model.cfg == name)
-    runs.chosen[n] = Model.model_validate(runs.chosen[n].model_dump() | changes)
+    runs.chosen[n] = runs.chosen[n].model_copy(update=changes)
 
 
 CHANGES: dict[str, tuple[Callable[[Runs], object], set[str]]] = {
@@ -123,8 +119,7 @@ CHANGES: dict[str, tuple[Callable[[Runs], object], set[str]]] = {
         lambda r: (r.tla / "Naturals.tla").write_text("---- MODULE Naturals ----\n===="),
         set(NAMES),
     ),
-    "a cfg": (lambda r: append(r.models / "bare_ack.cfg"), {"bare_ack"}),
-    "the cfg of another": (lambda r: append(r.models / "retarget.cfg"), set()),
+    "a cfg": (lambda r: entry(r, "bare_ack", config="INIT Init"), {"bare_ack"}),
     "the length expected": (lambda r: entry(r, "bare_ack", length=9), {"bare_ack"}),
     "the states expected": (lambda r: entry(r, "one_by_two", states=9), {"one_by_two"}),
     "what is to be reached": (lambda r: entry(r, "drift", reaches=["x"]), {"drift"}),
@@ -215,7 +210,7 @@ def test_a_folder_where_the_file_should_be(runs: Runs) -> None:
 def test_a_result_from_elsewhere_is_judged_by_the_model(runs: Runs) -> None:
     """Even with the right digest: a result that is not as expected is none."""
     wrong = replace(runs.verdicts()["one_by_two"], reached=("a thing",))
-    key = kept_results._key(wrong.model, runs.models, runs.tla)
+    key = kept_results._key(wrong.model, runs.tla)
     assert key is not None
     kept_results._write(wrong, key, runs.results)
     assert runs.again() == {"one_by_two"}

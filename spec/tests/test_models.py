@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import subprocess
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -9,9 +10,10 @@ from typing import Any
 
 import pytest
 
-from automcm_cli.spec.model_output import chosen
+from automcm_cli.spec.model_output import chosen, kept
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.model_checking.models import Model, ModelError, Verdict
+from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, TLA
 from automcm_spec.vocabulary import rules
 
@@ -21,21 +23,22 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(MODELS, tmp_path / "models"))
 
 
-def edit(folder: Path, old: str, new: str) -> None:
-    path = folder / models.EXPECTATIONS
+def edit(folder: Path, old: str, new: str, name: str = models.LIST) -> None:
+    path = folder / name
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
 def model(cfg: str, **changes: object) -> Model:
-    found = next(m for m in models.load() if m.cfg == cfg)
-    return Model.model_validate(found.model_dump() | changes)
+    return next(m for m in models.load() if m.cfg == cfg).model_copy(update=changes)
 
 
 @cache
-def found(module: str, cfg: Path) -> tlc.Result:
-    return RUN(module, cfg, extra=("-lncheck", "final"), short=True)
+def found(cfg: str) -> tlc.Result:
+    with scratch.folder("model") as folder:
+        path = models.written(model(cfg), folder)
+        return RUN(model(cfg).module, path, extra=("-lncheck", "final"), short=True)
 
 
 RUN = tlc.run
@@ -44,7 +47,7 @@ RUN = tlc.run
 @pytest.fixture
 def run_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """What TLC finds in a model is compared with several lists."""
-    monkeypatch.setattr(tlc, "run", lambda module, cfg, **options: found(module, cfg))
+    monkeypatch.setattr(tlc, "run", lambda module, cfg, **options: found(cfg.stem))
 
 
 def test_every_property_is_shown_to_be_needed() -> None:
@@ -53,7 +56,7 @@ def test_every_property_is_shown_to_be_needed() -> None:
 
 
 def checked(cfg: str) -> set[str]:
-    return set(models.checked_in(MODELS / f"{cfg}.cfg"))
+    return set(models.checked_in(model(cfg).config))
 
 
 SAFETY = {models.PROPERTIES[id_] for id_ in (*models.SAFETY, "TypeInv")}
@@ -109,12 +112,11 @@ def test_what_a_module_extends_and_what_it_reads() -> None:
 def test_t_6_is_checked_with_two_prescribers() -> None:
     """T-6: with one, nobody else can act on a receiver's word."""
     assert "OneWordInv" in checked("one_word_timed")
-    assert "Prescribers = {1, 2}" in (MODELS / "one_word_timed.cfg").read_text()
+    assert "Prescribers = {1, 2}" in model("one_word_timed").config
 
 
 def constants(cfg: str) -> dict[str, str]:
-    text = (MODELS / f"{cfg}.cfg").read_text()
-    return dict(re.findall(r"^  (\w+) (?:=|<-) (.+)$", text, re.MULTILINE))
+    return dict(re.findall(r"^  (\w+) (?:=|<-) (.+)$", model(cfg).config, re.MULTILINE))
 
 
 def test_t_8_is_shown_at_its_limit() -> None:
@@ -154,9 +156,8 @@ def test_the_attacked_models_are_those_that_extend_attacker() -> None:
 @pytest.mark.slow
 def test_a_model_with_too_little_memory_is_an_error(folder: Path) -> None:
     """With it no session is opened, and everything holds (MEM-1)."""
-    cfg = folder / "one_by_two.cfg"
-    cfg.write_text(cfg.read_text().replace("OutboxLimit = 12", "OutboxLimit = 3"))
-    verdict = models.check(model("one_by_two"), models_dir=folder)
+    edit(folder, "OutboxLimit = 12", "OutboxLimit = 3", "one_by_two.cfg")
+    verdict = models.check(next(m for m in models.load(folder) if m.cfg == "one_by_two"))
     assert verdict.outcome == "error" and "ssumption" in str(verdict.error)
 
 
@@ -239,30 +240,31 @@ def test_the_hazard_reaches_its_bound_in_every_fault_class() -> None:
     ("change", "message"),
     [
         (lambda d: (d / "extra.cfg").touch(), "extra.cfg is not listed"),
-        (lambda d: (d / "rejoin.cfg").unlink(), "there is no rejoin.cfg"),
-        (lambda d: (d / models.EXPECTATIONS).unlink(), "cannot be read"),
-        (lambda d: edit(d, "[[model]]", "[[model"), "expectations.toml: "),
-        (lambda d: edit(d, "[[model]]", "version = 1\n[[model]]"), "unknown key version"),
+        (lambda d: (d / "unreduced.cfg").unlink(), "unreduced: there is no unreduced.cfg"),
+        (lambda d: (d / "rejoin.cfg").touch(), "rejoin: has a base, and a rejoin.cfg"),
+        (lambda d: (d / models.LIST).unlink(), "cannot be read"),
+        (lambda d: edit(d, "[one_by_two]", "[one_by_two"), "models.toml: "),
+        (
+            lambda d: edit(d, "# Every", "version = 1 # Every"),
+            "version: must be a table",
+        ),
+        (lambda d: edit(d, "[retarget]", "[rejoin]"), "rejoin"),
         (lambda d: edit(d, "depth = ", "deep = "), "deep: Extra inputs"),
-        (lambda d: edit(d, "depth = ", "length = "), "depth: required in a model that holds"),
+        (lambda d: edit(d, "depth = ", "# "), "depth: required in a model that holds"),
         (
             lambda d: edit(d, "depth = ", "length = 3\ndepth = "),
             "length: not allowed in a model that holds",
         ),
+        (lambda d: edit(d, 'module = "System"', 'module = "Sistem"'), "module Sistem does not"),
+        (lambda d: edit(d, "AcceptedInv", "AcceptingInv"), "AcceptingInv is not the name of a"),
         (
-            lambda d: edit(d, 'module = "System"', 'module = "Sistem"'),
-            "module Sistem does not exist",
+            lambda d: edit(d, "AckMatches <-", 'Reduced = FALSE", "AckMatches <-'),
+            "changes: Reduced = FALSE is what unreduced.cfg says",
         ),
         (
-            lambda d: edit(d, 'property = "S-3"', 'property = "S-4"'),
-            "AcceptedInv is not the name of S-4",
+            lambda d: (d / "unreduced.cfg").write_text("CONSTANTS\nINIT Init"),
+            "unreduced checks nothing",
         ),
-        (lambda d: edit(d, 'cfg = "rejoin"', 'cfg = "retarget"'), "lists retarget twice"),
-        (
-            lambda d: shutil.copy(d / "unreduced.cfg", d / "rejoin.cfg"),
-            "rejoin.cfg must check AckedProp and nothing else",
-        ),
-        (lambda d: (d / "unreduced.cfg").write_text("INIT Init"), "unreduced.cfg checks nothing"),
     ],
 )
 def test_a_list_that_does_not_fit(
@@ -280,6 +282,26 @@ def test_a_property_that_the_spec_lacks(tmp_path: Path) -> None:
         models.load(MODELS, tmp_path)
 
 
+def test_a_cfg_is_that_of_the_base_with_the_changes() -> None:
+    """A change replaces a line or adds one; a must-fail model checks what it breaks alone."""
+    base, made = model("outsider_left"), model("thief_keeps_committed")
+    assert base.config == (MODELS / "outsider_left.cfg").read_text()
+    assert made.base == "outsider_left" and made.changes
+    constants_ = constants(base.cfg) | {
+        line.split()[0]: line.split(maxsplit=2)[2] for line in made.changes
+    }
+    assert constants(made.cfg) == constants_
+    assert models.checked_in(made.config) == [made.breaks]
+
+
+def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> None:
+    one = model("bare_ack")
+    command = kept(one, tmp_path)
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert (tmp_path / "bare_ack.cfg").read_text() == one.config
+    assert "Action property AckedProp is violated" in done.stdout
+
+
 def test_as_expected() -> None:
     seen: list[Verdict] = []
     chosen = [model("bare_ack"), model("unreduced")]
@@ -294,7 +316,7 @@ def test_as_expected() -> None:
     assert sorted(v.model.cfg for v in seen) == ["bare_ack", "unreduced"]
 
 
-FAILS = {"property": "S-6", "breaks": "AckedProp", "length": 6}
+FAILS = {"breaks": "AckedProp", "length": 6}
 HOLDS = {"distinct_states": 1, "states": 1, "depth": 1}
 NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
 
@@ -307,17 +329,17 @@ NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
         ("bare_ack", {"length": 99}, r"length is \d, expected 99"),
         (
             "bare_ack",
-            {"property": "S-5", "breaks": "NoHazardInv"},
+            {"breaks": "NoHazardInv"},
             "S-6 is violated; expected a violation of S-5",
         ),
         (
             "bare_ack",
-            {"expect": "holds"} | HOLDS | NO_FAILS,
+            HOLDS | NO_FAILS,
             "S-6 is violated; expected no violation",
         ),
         (
             "restarts",
-            {"expect": "violates", "why": "One. Two."} | FAILS | NO_HOLDS,
+            FAILS | NO_HOLDS,
             "nothing is violated; expected a violation of S-6",
         ),
     ],

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mutant_stage import tiny
+from mutant_stage import tiny, with_cfg
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
@@ -23,7 +23,7 @@ from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.model_checking.models import Model
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 STATION = r"""---- MODULE Station ----
 EXTENDS Naturals, FiniteSets
@@ -74,7 +74,7 @@ LIVELY = tiny("lively", module="Counter")
 
 
 def of(folder: Path, *chosen: Model, cells: Path | None = None) -> Matrix:
-    return Matrix(chosen or (COUNT,), folder, folder, cells)
+    return Matrix([with_cfg(folder, model) for model in chosen or (COUNT,)], folder, cells)
 
 
 def by_change(folder: Path) -> dict[str, Mutant]:
@@ -107,9 +107,9 @@ def test_the_specification_and_its_properties_are_read(folder: Path) -> None:
 
 def test_temporal_properties_that_have_a_safety_part_are_known() -> None:
     texts = {path.stem: path.read_text() for path in TLA.glob("*.tla")}
-    parts = {}
+    loaded, parts = {model.cfg: model for model in models.load()}, {}
     for name in ("promise_kept", "completes", "silence", "ends"):
-        cfg = (MODELS / f"{name}.cfg").read_text()
+        cfg = loaded[name].config
         parts |= matrix_modules.checks("Liveness", cfg, texts).parts
     refines = ("Fulfilled!Init", " Fulfilled!Next \\/ Fulfilled!vars' = Fulfilled!vars")
     assert parts == {"FulfilledProp": refines, "CompletesProp": ("~fallback", "  (~fallback)'")}
@@ -137,7 +137,7 @@ def test_every_model_of_the_matrix_can_be_read_and_every_property_is_a_column() 
         assert model.expect == "holds"
         of_model = [u.checks.names for u in found.units if u.model is model]
         names = {name for names in of_model for name in names} - {matrix_modules.ORACLE}
-        assert names == set(models.checked_in(MODELS / f"{model.cfg}.cfg"))
+        assert names == set(models.checked_in(model.config))
         columns |= {matrix.id_of(name) for name in names}
     # I-1 speaks of reachable states of the unchanged station; P-1 takes the full profile
     assert set(models.PROPERTIES) - {"I-1", "P-1"} <= columns
@@ -214,7 +214,7 @@ def test_a_batch_finds_what_a_run_of_each_property_finds() -> None:
     armed = [m for m in mutants.generate(modules=["Station"]) if m.operator == "Armed"]
     wanted = [m for m in armed if m.kind == "conjunct"]
     cells = found._explored(found.units[0], dict(enumerate(wanted, start=1)), {})
-    rest, checked = models.split((MODELS / "restarts.cfg").read_text())
+    rest, checked = models.split(loaded["restarts"].config)
     [number] = [n for n, cell in cells.items() if len(cell.kills) > 1][:1]
     violated = set()
     with scratch.folder("test") as place:
@@ -250,7 +250,9 @@ def test_temporal_properties_of_the_same_behaviour_are_explored_together_first(
 
     cells = folder / "cells.jsonl"
     of_both = (LIVELY, tiny("both", module="Counter"))
-    rows, complete = Told(of_both, folder, folder, cells).run([high, first], 1, quiet)
+    rows, complete = Told([with_cfg(folder, m) for m in of_both], folder, cells).run(
+        [high, first], 1, quiet
+    )
     assert complete and [sorted(row.kills) for row in rows] == [[], ["HomeProp"]]
     assert ran == [
         (2, "BackProp HomeProp"),
@@ -463,7 +465,9 @@ def test_a_sparing_run_leaves_temporal_properties_out_that_another_makes_dispens
         say(1, "Small")
 
     ran = pretend(says)
-    rows, complete = Matrix((COUNT, LIVELY), folder, folder, sparing=True).run(FOUR, 1, quiet)
+    rows, complete = Matrix(
+        [with_cfg(folder, m) for m in (COUNT, LIVELY)], folder, sparing=True
+    ).run(FOUR, 1, quiet)
     assert complete and ran == [[1, 2, 3, 4], [2, 3, 4]]
     assert [row.unfinished for row in rows] == [{"lively BackProp": "left"}, {}, {}, {}]
 
@@ -473,7 +477,7 @@ def test_a_sparing_run_uses_what_an_earlier_run_has_found(folder: Path, pretend:
     cells = folder / "cells.jsonl"
     of(folder, COUNT, LIVELY, cells=cells).run(FOUR, 1, quiet)
     ran.clear()
-    spares = Matrix((COUNT, LIVELY), folder, folder, cells, sparing=True)
+    spares = Matrix([with_cfg(folder, m) for m in (COUNT, LIVELY)], folder, cells, sparing=True)
     rows, complete = spares.run(FOUR, 1, quiet)
     assert complete and ran == [] and [row.unfinished for row in rows] == [{}] * 4
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mutant_stage import TINY, changes, tiny
+from mutant_stage import TINY, changes, tiny, with_cfg
 from mutant_stage import folder as folder
 
 from automcm_maintenance.spec_mutation import mutant_runs, mutants
@@ -21,10 +21,8 @@ from automcm_spec.model_checking.tlc import ErrorKind, Result, TlcError
 def must_fail(cfg: str, seconds: float) -> Model:
     none: dict[str, Any] = {"distinct_states": None, "states": None, "depth": None}
     rest: dict[str, Any] = {
-        "property": "S-1",
         "breaks": "OneSessionProp",
         "length": 3,
-        "expect": "violates",
         "why": "One is taken away. Then it breaks.",
     }
     return tiny(cfg, seconds, **(none | rest))
@@ -32,7 +30,10 @@ def must_fail(cfg: str, seconds: float) -> Model:
 
 def run(chosen: list[Model], wanted: list[Mutant], folder: Path, **options: Any) -> Any:
     return mutant_runs.run(
-        wanted, chosen, tla=folder, models_dir=folder, **({"jobs": 1, "search_s": 9} | options)
+        wanted,
+        [with_cfg(folder, m) for m in chosen],
+        tla=folder,
+        **({"jobs": 1, "search_s": 9} | options),
     )
 
 
@@ -81,11 +82,11 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[Answer],
     def install(answer: Answer) -> list[str]:
         ran: list[str] = []
 
-        def check(model: Model, *, models_dir: Path, tla_dir: Path, **_: object) -> Verdict:
+        def check(model: Model, *, tla_dir: Path, **_: object) -> Verdict:
             if (tla_dir / "Tiny.tla").read_text() == TINY:
                 return ok(model)
             ran.append(model.cfg)
-            return answer(model, models.checked_in(models_dir / f"{model.cfg}.cfg"))
+            return answer(model, models.checked_in(model.config))
 
         monkeypatch.setattr(models, "check", check)
         return ran

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.model_checking import models
+from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import (
     ADVERTISED_RANK,
     DEFAULTS,
@@ -199,11 +200,7 @@ TIMES = {
     "t_hold": "HoldTime",
     "t_life": "LifeTime",
 }
-TIMED = {
-    path.stem: text
-    for path in sorted(MODELS.glob("*.cfg"))
-    if "ResendTime" in (text := path.read_text())
-}
+TIMED = {model.cfg: model.config for model in models.load() if "ResendTime" in model.config}
 SHORT_WINDOW = {
     *("bound_less_one", "cam_ahead", "cam_far_ahead", "cam_loss", "cam_loss_too_short"),
     *("cams_without_marks", "closes_in_any_phase", "cutoff_cam_of_another"),

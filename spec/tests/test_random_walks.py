@@ -6,15 +6,18 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_spec.model_checking import random_walks
-from automcm_spec.support.paths import MODELS, SIMULATION
+from automcm_spec.model_checking import models, random_walks
+from automcm_spec.support.paths import SIMULATION
 from automcm_spec.vocabulary.rules import RULES
 
 KNOWN = random_walks.known()
 
 
 def test_the_listed_models_and_the_larger_ones_have_names() -> None:
-    assert set(KNOWN) == {p.stem for p in [*MODELS.glob("*.cfg"), *SIMULATION.glob("*.cfg")]}
+    assert set(KNOWN) == {
+        *(m.cfg for m in models.load()),
+        *(p.stem for p in SIMULATION.glob("*.cfg")),
+    }
 
 
 @pytest.mark.slow

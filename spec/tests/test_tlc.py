@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec.model_checking import tlc, toolchain
+from automcm_spec.model_checking import models, tlc, toolchain
 from automcm_spec.model_checking.tlc import Location, Progress, TlcError
 from automcm_spec.support.paths import MODELS, TLA
 
@@ -118,8 +118,11 @@ def test_what_it_prints_is_streamed(clock: Path) -> None:
     assert lines == ['<<"x", 0>>', '"ü @!@!@"', '<<"x", 1>>', '"ü @!@!@"']
 
 
-def test_a_real_counterexample() -> None:
-    result = tlc.run("Ablations", MODELS / "bare_ack.cfg")
+BARE_ACK = next(model for model in models.load() if model.cfg == "bare_ack")
+
+
+def test_a_real_counterexample(tmp_path: Path) -> None:
+    result = tlc.run("Ablations", models.written(BARE_ACK, tmp_path))
     assert (result.outcome, result.property) == ("violates", "AckedProp")
     assert set(result.trace[-1].values) == {"st", "net", "excused", "received", "last"}
 
@@ -136,7 +139,7 @@ def spec_copy(tmp_path: Path, old: str, new: str) -> Path:
 def test_a_parse_error(tmp_path: Path, scratch: Path) -> None:
     folder = spec_copy(tmp_path, "\nExpiries(s) ==", "\nExpiries(s) = =")
     line = 1 + (folder / "System.tla").read_text().splitlines().index("Expiries(s) = =")
-    error = fails("Ablations", MODELS / "bare_ack.cfg", folder, scratch)
+    error = fails("Ablations", models.written(BARE_ACK, tmp_path), folder, scratch)
     assert (error.kind, error.module) == ("parse", "System")
     assert error.line is not None
     assert abs(error.line - line) <= 1

@@ -99,4 +99,4 @@ def test_no_archive_of_another_jar(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_folders() -> None:
     assert (paths.TLA / "System.tla").is_file()
-    assert (paths.MODELS / "expectations.toml").is_file()
+    assert (paths.MODELS / "models.toml").is_file()

@@ -174,7 +174,7 @@ def test_the_command_writes_the_itf_of_a_log(tmp_path: Path) -> None:
     [
         (lambda v: "[]", "must be a JSON object"),
         (lambda v: v[:-9], "not JSON"),
-        (lambda v: v.replace("spec/models/", "models/"), "#meta: source"),
+        (lambda v: v.replace("models.toml#", ""), "#meta: source"),
         (lambda v: v.replace('"index":2,"input":', '"index":2,"output":'), "state 2"),
         (lambda v: v.replace('"#tup":["none",0]', '"#tup":"none"', 1), "state 1"),
         (lambda v: v.replace('"states":[', '"states":{},"stated":['), "'states'"),

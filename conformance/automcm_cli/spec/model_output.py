@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from automcm_spec.graph import oracle_generation
 from automcm_spec.model_checking import counterexample_steps as steps_
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.support import files
-from automcm_spec.support.paths import MODELS
+from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.json_forms import to_json
 from automcm_traces.export import itf
 
@@ -33,7 +35,7 @@ def checks(model: models.Model) -> str:
 
 def _ids(model: models.Model) -> set[str | None]:
     """The ids of the properties that a model checks."""
-    checked = models.checked_in(MODELS / f"{model.cfg}.cfg")
+    checked = models.checked_in(model.config)
     return {models.PROPERTY_IDS.get(name) for name in checked}
 
 
@@ -93,7 +95,7 @@ def counterexample(verdict: models.Verdict) -> str:
             meta["location"] = {"module": "Station", "line": step.line}
         states.append(itf.ItfState(value, meta))
     description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
-    about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
+    about = {"description": description, "source": f"spec/models/{models.LIST}#{verdict.model.cfg}"}
     loop = verdict.result.loop if verdict.result else None
     return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
 
@@ -104,6 +106,19 @@ def write_trace(verdict: models.Verdict, folder: Path) -> Path:
     path = folder / f"{verdict.model.cfg}.itf.json"
     files.write(path, counterexample(verdict))
     return path
+
+
+def kept(model: models.Model, folder: Path = Path("runs/models")) -> str:
+    """Write the cfg of a model into a folder; returns the shell command that runs TLC with it.
+
+    Raises OSError and tlc.TlcError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    cfg = models.written(model, folder).resolve()
+    java, jar = tlc.tools()
+    options = f"-metadir {shlex.quote(tempfile.gettempdir())} -config {shlex.quote(str(cfg))}"
+    command = f"{shlex.quote(str(java))} -cp {shlex.quote(str(jar))} tlc2.TLC {options}"
+    return f"cd {shlex.quote(str(TLA))} && {command} {model.module}"
 
 
 def as_dict(verdict: models.Verdict) -> dict[str, Any]:

@@ -28,7 +28,9 @@ def spec_list(profile: Profile = None, property_: Property = None, json_: Json =
     from automcm_cli.spec import model_output as spec_
 
     models = _chosen([], profile, property_)
-    if write_json(json_, [model.model_dump(exclude_none=True) for model in models]):
+    if write_json(
+        json_, [model.model_dump(exclude={"config"}, exclude_none=True) for model in models]
+    ):
         for model in models:
             typer.echo(spec_.described(model))
 
@@ -58,6 +60,12 @@ def spec_check(
         str,
         typer.Option(help="With --distributed: the address at which workers reach this machine."),
     ] = "127.0.0.1",
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep", help="Write each cfg to runs/models and print the TLC command that runs it."
+        ),
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Check models with TLC.
@@ -77,6 +85,9 @@ def spec_check(
         _check_distributed(asked, host, json_)
     with code_3("check", tlc.TlcError):
         tlc.tools()  # once, not for each model
+    with code_3("check", OSError):
+        for line in [spec_.kept(model) for model in asked] if keep else ():
+            typer.echo(line, err=True)
     verdicts = []
     changed = spec_.specification_changed()
     try:

@@ -181,7 +181,7 @@ def _of_walk(file: str, text: bytes) -> Entry:
             rules[rule] = None
     walk, station = Path(name).stem.split("-")
     story = f"Walk {int(walk)} through {model}, station {station}: {', '.join(rules)}."
-    return Entry(file, story, "allowed", source=f"spec/models/{model}.cfg")
+    return Entry(file, story, "allowed", source=f"spec/models/{models.LIST}#{model}")
 
 
 def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
@@ -193,7 +193,7 @@ def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
         model = why[file.split("/")[1]]
         station = Path(file).stem
         story = f"{model.cfg} breaks {model.property}, station {station}: {model.why}"
-        source = f"spec/models/{model.cfg}.cfg"
+        source = f"spec/models/{models.LIST}#{model.cfg}"
         found = verdict.finding
         entries.append(
             Entry(file, story, verdict.verdict, found.at.line, found.rule, source=source)

@@ -29,7 +29,7 @@ from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Input, Message, Receive, Session, State
 from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import Question, cfg_of, effects_of
+from automcm_traces.export.behaviour_effects import Question, effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of_all
 
 MODULE = """---- MODULE Graph ----
@@ -118,7 +118,7 @@ class Graph:
 
     def __init__(self, model: Model, tla: Path = TLA) -> None:
         self.model = model
-        self.cfg = cfg_of(model.cfg)
+        self.cfg = model.config
         self.nodes: dict[int, Node] = {}
         self._inputs: dict[str, Key] = {}
         self._by_view: dict[str, int] = {}

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 
 from automcm_spec.model_checking import models
-from automcm_spec.support.paths import MODELS
 
 ATTACKERS = ("outsider", "insider", "thief")
 PROPERTIES = (
@@ -23,9 +22,8 @@ def table(loaded: Sequence[models.Model]) -> str:
     cells: dict[tuple[str, str], list[str]] = {}
     for model in sorted(loaded, key=lambda m: (m.expect, models.PROFILES.index(m.profile))):
         if model.module in models.ATTACKED:
-            cfg = (MODELS / f"{model.cfg}.cfg").read_text(encoding="utf-8")
-            for property_ in _shown(model, cfg):
-                cells.setdefault((property_, _attacker(cfg)), []).append(_verdict(model))
+            for property_ in _shown(model):
+                cells.setdefault((property_, _attacker(model.config)), []).append(_verdict(model))
     rows = ["| property | " + " | ".join(ATTACKERS) + " |", "|---|---|---|---|"]
     for property_ in PROPERTIES:
         found = [cells.get((property_, attacker), []) for attacker in ATTACKERS]
@@ -40,9 +38,9 @@ def _verdict(model: models.Model) -> str:
     return f"{'holds' if model.expect == 'holds' else 'fails'} (`{model.cfg}`)"
 
 
-def _shown(model: models.Model, cfg: str) -> set[str]:
+def _shown(model: models.Model) -> set[str]:
     """The properties on which the model has a say."""
-    text, checks = models.split(cfg)
+    text, checks = models.split(model.config)
     if any(re.search(rf"\b{name} <-", text) for name in _DEFENCES):
         return set()
     found = {models.PROPERTY_IDS[name] for _, name in checks if name != "TightInv"}

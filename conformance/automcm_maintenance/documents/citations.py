@@ -26,6 +26,7 @@ CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """The packages that implement rules; experiments only measure them."""
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
 _CASE = re.compile(r'^id = "(.+)"$', re.MULTILINE)
+_MODEL = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
 _METHOD = re.compile(r"^    def (\w+)\(", re.MULTILINE)
 _TESTS = tuple(f"{folder}/tests/*.py" for folder in ("spec", "reference", "traces", "conformance"))
 
@@ -174,8 +175,10 @@ def _compiled(root: Path) -> list[tuple[str, str, str]]:
 
 
 def _must_fail(root: Path) -> list[tuple[str, str, str]]:
+    parts = _parts(root, root / "spec" / "models" / models.LIST, _MODEL)
+    links = {name: link for name, link, _ in parts}
     return [
-        (id_, model.cfg, f"spec/models/{model.cfg}.cfg")
+        (id_, model.cfg, links[model.cfg])
         for model in models.load()
         if model.expect == "violates"
         for id_ in [str(model.property), *_ids(model.why)]

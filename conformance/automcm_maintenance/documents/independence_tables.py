@@ -6,7 +6,6 @@ from typing import Any
 
 from automcm_spec.compilation import data_independence, independence, sany
 from automcm_spec.model_checking import models
-from automcm_spec.support.paths import MODELS
 
 PREFIX = "interface_"
 """The must-fail models that leave out a member of the interface."""
@@ -24,10 +23,9 @@ def interface() -> str:
     for model in models.load():
         if not model.cfg.startswith(PREFIX) or model.property is None:
             continue
-        cfg = (MODELS / f"{model.cfg}.cfg").read_text(encoding="utf-8")
-        replaced = independence.substitutions(cfg)
+        replaced = models.replaced_in(model.config)
         module = independence.load(xml=xml, substitutions=replaced)
-        station = independence.Limits.of(cfg).station(module)
+        station = independence.Limits.of(model.config).station(module)
         found = independence.first_violation(station, model.property)
         if found is None:
             raise ValueError(f"{model.cfg}: every session answers as if it were alone")

@@ -9,15 +9,18 @@ from automcm_cli.spec.model_output import checks
 from automcm_maintenance.documents.repository import PAGES
 from automcm_spec.model_checking import models
 from automcm_spec.support import markdown
-from automcm_spec.support.paths import MODELS
 
 
 def models_page(loaded: Sequence[models.Model]) -> str:
     """docs/models.md: every model with its recorded result."""
-    usual = {pair for m in loaded if m.expect == "holds" for pair in _replaced(m)}
+    usual = {
+        pair for m in loaded if m.expect == "holds" for pair in models.replaced_in(m.config).items()
+    }
 
     def changed(model: models.Model) -> str:
-        operators = [name for name, by in _replaced(model) if (name, by) not in usual]
+        operators = [
+            name for name, by in models.replaced_in(model.config).items() if (name, by) not in usual
+        ]
         return ", ".join(f"`{name}`" for name in (*operators, *_missing(model)))
 
     return markdown.page(
@@ -25,16 +28,7 @@ def models_page(loaded: Sequence[models.Model]) -> str:
     )
 
 
-def _replaced(model: models.Model) -> list[tuple[str, str]]:
-    """The operators that the cfg of a model replaces, each with its replacement."""
-    return re.findall(r"(\w+) <- (\w+)", _cfg(model))
-
-
 def _missing(model: models.Model) -> list[str]:
     """The timers that the cfg of a model removes."""
-    line = re.search(r"^ *Missing = \{(.*)\}", _cfg(model), re.MULTILINE)
+    line = re.search(r"^ *Missing = \{(.*)\}", model.config, re.MULTILINE)
     return [f"timer {name}" for name in re.findall(r"\w+", line[1])] if line else []
-
-
-def _cfg(model: models.Model) -> str:
-    return (MODELS / f"{model.cfg}.cfg").read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models, tlc, toolchain
 from automcm_spec.model_checking.models import PROPERTY_IDS, Model
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 CFGS = (
     "restarts",
@@ -186,7 +186,6 @@ class Matrix:
         self,
         chosen: Sequence[Model],
         tla: Path = TLA,
-        models_dir: Path = MODELS,
         cells: Path | None = None,
         module: str = MODULE,
         sparing: bool = False,
@@ -198,12 +197,12 @@ class Matrix:
         self._texts = {p.stem: p.read_text(encoding="utf-8") for p in sorted(tla.glob("*.tla"))}
         self._source = self._texts[module].encode()
         self._spans = mutants.definitions(self._source)
-        self.units = [unit for model in chosen for unit in self._of(model, models_dir)]
+        self.units = [unit for model in chosen for unit in self._of(model)]
         self._fixed = _reached(_ALPHABET, "\n".join(map(self._texts.__getitem__, self._texts)))
 
-    def _of(self, model: Model, models_dir: Path) -> list[_Unit]:
+    def _of(self, model: Model) -> list[_Unit]:
         changed = CHANGED.get(model.cfg, Changed({}, model.distinct_states or 1))
-        cfg = changed.of((models_dir / f"{model.cfg}.cfg").read_text(encoding="utf-8"))
+        cfg = changed.of(model.config)
         try:
             checks = matrix_modules.checks(
                 model.module, cfg, self._texts, compared=model.cfg == COMPARED

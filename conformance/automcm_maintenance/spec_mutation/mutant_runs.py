@@ -20,7 +20,7 @@ from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.model_checking import models, tlc, toolchain
 from automcm_spec.model_checking.models import PROPERTY_IDS, Model
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 How = Literal["property", "must-fail", "probe", "graph", "evaluation", "timeout", "counts"]
 HOW: dict[How, str] = {
@@ -179,7 +179,6 @@ class _Run:
         self,
         chosen: Sequence[Model],
         tla: Path,
-        models_dir: Path,
         cache: Cache,
         search_s: float,
     ) -> None:
@@ -188,9 +187,6 @@ class _Run:
         self.stop = tlc.Stop()
         self._cache = cache
         self._search_s = search_s
-        self._cfg = {
-            m.cfg: (models_dir / f"{m.cfg}.cfg").read_text(encoding="utf-8") for m in chosen
-        }
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
         self._sound: dict[str, float] = {}
@@ -207,7 +203,7 @@ class _Run:
                 return self._sound[model.cfg]
             with scratch.folder("mutant") as folder:
                 longest = 20 * _limit(model.seconds)
-                found = self._run(None, model, self._cfg[model.cfg], folder, longest)
+                found = self._run(None, model, model.config, folder, longest)
             if found.how is not None:
                 raise MutationError(
                     f"{model.cfg} is not as expected without a mutant: {found.how}, {found.what}"
@@ -237,7 +233,7 @@ class _Run:
                     break
                 if kills and (model.expect != "holds" or model.seconds > self._search_s):
                     continue
-                found = self._check(mutant, model, self._cfg[model.cfg], folder)
+                found = self._check(mutant, model, model.config, folder)
                 seconds += found.seconds
                 if found.how == "invalid":
                     return Outcome(mutant, (), True, seconds)
@@ -299,7 +295,7 @@ class _Run:
 
     def _violated(self, mutant: Mutant, model: Model, folder: Path) -> Iterator[_Found]:
         """Repeat the run without the violated property until none is violated."""
-        rest, left = models.split(self._cfg[model.cfg])
+        rest, left = models.split(model.config)
         while left:
             found = self._check(mutant, model, _joined(rest, left), folder)
             ids = [PROPERTY_IDS.get(name, name) for _, name in left]
@@ -336,7 +332,7 @@ class _Run:
         modules = {name: self._modules[name] for name in sorted(self._read_by[model.module])}
         if mutant is not None:
             modules[mutant.module] = mutant.apply(modules[mutant.module])
-        expected = model.model_dump_json(exclude={"seconds", "why", "profile"})
+        expected = model.model_dump_json(exclude={"config", "seconds", "why", "profile"})
         digest = hashlib.sha256("\0".join((cfg, expected, toolchain.SHA256)).encode())
         for name, text in modules.items():
             digest.update(f"\0{name}\0".encode() + text)
@@ -347,10 +343,8 @@ class _Run:
             raise _Stopped
         for name, text in modules.items():
             (folder / f"{name}.tla").write_bytes(text)
-        (folder / f"{model.cfg}.cfg").write_text(cfg, encoding="utf-8")
         verdict = models.check(
-            model,
-            models_dir=folder,
+            model.model_copy(update={"config": cfg}),
             tla_dir=folder,
             timeout_s=timeout_s,
             stop=self.stop,
@@ -415,7 +409,6 @@ def run(
     *,
     profile: Profile = "quick",
     tla: Path = TLA,
-    models_dir: Path = MODELS,
     cache: Path | None = None,
     jobs: int = 2,
     search_s: float = 15,
@@ -429,7 +422,7 @@ def run(
     """
     if profile == "deep":
         chosen = [model for model in chosen if model.expect == "holds"]
-    the_run = _Run(chosen, tla, models_dir, Cache(cache), search_s)
+    the_run = _Run(chosen, tla, Cache(cache), search_s)
     work = the_run.quick if profile == "quick" else the_run.deep
     outcomes: dict[str, Outcome] = {}
     with ThreadPoolExecutor(max_workers=jobs) as pool:

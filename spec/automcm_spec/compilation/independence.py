@@ -68,11 +68,6 @@ def load(
     return module
 
 
-def substitutions(cfg: str) -> dict[str, str]:
-    """The operators that the cfg of a model replaces."""
-    return dict(re.findall(r"^ *(\w+) <- (\w+)$", cfg, re.MULTILINE))
-
-
 @dataclass(frozen=True)
 class Limits:
     """The constants of OpenStation.tla."""

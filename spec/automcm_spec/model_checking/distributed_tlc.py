@@ -19,7 +19,7 @@ from typing import Literal
 
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 LOOPBACK = "127.0.0.1"
 
@@ -58,7 +58,6 @@ def serve(
     model: models.Model,
     *,
     host: str = LOOPBACK,
-    models_dir: Path = MODELS,
     tla_dir: Path = TLA,
     timeout_s: float | None = None,
     on_line: Callable[[str], None] = lambda line: None,
@@ -68,7 +67,7 @@ def serve(
     ``host`` is the address of this machine for the workers. Raises tlc.TlcError if the model has a
     temporal property, or if TLC gives no verdict in time.
     """
-    checked = models.checked_in(models_dir / f"{model.cfg}.cfg")
+    checked = models.checked_in(model.config)
     safety = {name for name, id_ in models.PROPERTY_IDS.items() if id_[0] in "ST"}
     if beyond := sorted(set(checked) - safety):
         raise tlc.TlcError(
@@ -79,7 +78,7 @@ def serve(
         for path in tla_dir.glob("*.tla"):
             shutil.copy(path, place)
         # The workers fetch both by name from the server, which reads its own folder.
-        shutil.copy(models_dir / f"{model.cfg}.cfg", place / "Model.cfg")
+        (place / "Model.cfg").write_text(model.config, encoding="utf-8")
         arguments = ["-tool", "-deadlock", "-fp", "0", "-metadir", str(place / "meta")]
         arguments += ["-config", "Model.cfg", model.module]
         output = _java("TLCServer", place, host, [], arguments, timeout_s, on_line)

@@ -18,7 +18,7 @@ from typing import Any
 
 from automcm_spec.model_checking import models, tla_values, tlc, toolchain
 from automcm_spec.support import files
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 
 CODE = (models, tlc, toolchain, tla_values, sys.modules[__name__])
 """The code that starts TLC with its options, interprets its output, and keeps its results."""
@@ -30,7 +30,6 @@ def check_all(
     *,
     fresh: bool = False,
     on_done: Callable[[models.Verdict], None],
-    models_dir: Path = MODELS,
     tla_dir: Path = TLA,
 ) -> None:
     """As ``models.check_all``, but models with a kept result are not run.
@@ -39,7 +38,7 @@ def check_all(
     and only if the key is unchanged at the end, because TLC may have read either version. Results
     that cannot be written are not kept.
     """
-    keys = {model.cfg: _key(model, models_dir, tla_dir) for model in chosen}
+    keys = {model.cfg: _key(model, tla_dir) for model in chosen}
     rest = []
     for model in chosen:
         verdict = None if fresh else _read(model, keys[model.cfg], folder)
@@ -50,17 +49,17 @@ def check_all(
 
     def done(verdict: models.Verdict) -> None:
         key = keys[verdict.model.cfg]
-        if verdict.ok and key is not None and key == _key(verdict.model, models_dir, tla_dir):
+        if verdict.ok and key is not None and key == _key(verdict.model, tla_dir):
             with suppress(OSError):
                 _write(verdict, key, folder)
         on_done(verdict)
 
-    models.check_all(rest, on_done=done, models_dir=models_dir, tla_dir=tla_dir)
+    models.check_all(rest, on_done=done, tla_dir=tla_dir)
 
 
-def _key(model: models.Model, models_dir: Path, tla_dir: Path) -> str | None:
-    """The hash of everything that the result of a model depends on: its entry in the list, its cfg,
-    each module that TLC reads, TLC, Java, Java's options in the environment, and our code.
+def _key(model: models.Model, tla_dir: Path) -> str | None:
+    """The hash of everything that the result of a model depends on: its entry in the list with
+    its cfg, each module that TLC reads, TLC, Java, Java's options in the environment, and our code.
 
     None if any of these cannot be read: then nothing is kept, and the run reports the error.
     """
@@ -69,7 +68,6 @@ def _key(model: models.Model, models_dir: Path, tla_dir: Path) -> str | None:
         texts = {path.stem: path.read_bytes().decode() for path in tla_dir.glob("*.tla")}
         return _hash(
             model.model_dump(),
-            _digest(models_dir / f"{model.cfg}.cfg"),
             {name: texts[name] for name in models.extended(model.module, texts, instances=True)},
             _digest(jar),
             _digest(java.parent.parent / "release"),

@@ -9,12 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    computed_field,
+    model_validator,
+)
 
 from automcm_spec.model_checking import tlc
+from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, TLA
 
-EXPECTATIONS = "expectations.toml"
+LIST = "models.toml"
 
 #: The properties: id in docs/protocol.md and name in the modules of spec/tla.
 PROPERTIES = {
@@ -97,43 +105,58 @@ class ModelError(Exception):
 class Model(BaseModel):
     """A cfg and its expected result: a pass with these counts, or a counterexample.
 
-    reaches lists all that a passing model must print as reached (modules Probe and TimedSystem).
-    The why of a must-fail model tells its story in two sentences.
+    config is the text of the cfg: of the file with the model's name, or of the one of its base with
+    the lines in ``changes``. A model with ``breaks`` must violate that property, and checks no
+    other; its why tells its story in two sentences, and length is the number of states of the
+    counterexample. reaches lists all that a passing model must print as reached (modules Probe and
+    TimedSystem). seconds are of a processor.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     cfg: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
     module: str
-    expect: Literal["holds", "violates"]
+    config: str
+    base: str | None = None
+    changes: list[str] = []
+    checks: list[str] = []
     profile: Literal["quick", "full", "deep"]
     why: str = Field(min_length=1)
-    seconds: float = Field(ge=0)
+    seconds: float = Field(default=1.0, ge=0)
     reaches: list[str] | None = None
     distinct_states: int | None = None
     states: int | None = None
     depth: int | None = None
-    property: str | None = None
     breaks: str | None = None
     length: int | None = None
 
+    @computed_field  # type: ignore[prop-decorator]
+    @builtins.property
+    def expect(self) -> Literal["holds", "violates"]:
+        """What TLC must find."""
+        return "holds" if self.breaks is None else "violates"
+
+    @computed_field  # type: ignore[prop-decorator]
+    @builtins.property
+    def property(self) -> str | None:
+        """The id of the property that must break."""
+        return None if self.breaks is None else PROPERTY_IDS[self.breaks]
+
     @model_validator(mode="after")
     def _fields_fit(self) -> "Model":
-        holds = ("distinct_states", "states", "depth")
-        violates = ("property", "breaks", "length")
-        needed, barred = (holds, violates) if self.expect == "holds" else (violates, holds)
-        if self.expect == "violates" and self.reaches is not None:
-            raise ValueError("reaches: not allowed in a model that violates")
+        if self.breaks is not None and self.breaks not in PROPERTY_IDS:
+            raise ValueError(f"breaks: {self.breaks} is not the name of a property")
+        counts, length = ("distinct_states", "states", "depth"), ("length",)
+        holds, violates = (*counts, "reaches", "checks"), length
+        needed, barred = (counts, violates) if self.breaks is None else (length, holds)
         if self.expect == "violates" and len(_SENTENCE.findall(self.why)) != 2:
             raise ValueError("why: must be two sentences in a model that violates")
         for name in needed:
             if getattr(self, name) is None:
                 raise ValueError(f"{name}: required in a model that {self.expect}")
         for name in barred:
-            if getattr(self, name) is not None:
+            if getattr(self, name):
                 raise ValueError(f"{name}: not allowed in a model that {self.expect}")
-        if self.expect == "violates" and PROPERTY_IDS.get(self.breaks or "") != self.property:
-            raise ValueError(f"breaks: {self.breaks} is not the name of {self.property}")
         return self
 
 
@@ -176,48 +199,73 @@ class Verdict:
 def load(models_dir: Path = MODELS, tla_dir: Path = TLA) -> list[Model]:
     """The models of a folder, in the order of its list.
 
-    Raises ModelError if the list cannot be read or contains an unknown key, if a cfg is missing or
-    not listed, or if a cfg does not check what the list states.
+    Raises ModelError if the list or a cfg cannot be read, if an entry contains an unknown key or a
+    change that changes nothing, if a model has neither a cfg nor a base, or if a name does not
+    exist.
     """
-    path = models_dir / EXPECTATIONS
+    path = models_dir / LIST
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
+        files = {p.stem: p.read_text(encoding="utf-8") for p in sorted(models_dir.glob("*.cfg"))}
     except OSError as error:
-        raise ModelError(f"{path.name} cannot be read: {error.strerror}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ModelError(f"{path.name}: {error}") from error
-    if unknown := set(table) - {"model"}:
-        raise ModelError(f"{path.name}: unknown key {', '.join(sorted(unknown))}")
-    models = [_model(entry) for entry in table.get("model", [])]
-    _check_files(models, models_dir)
-    _check_names(models, models_dir, tla_dir)
+        raise ModelError(f"{LIST} or a cfg cannot be read: {error}") from error
+    except ValueError as error:
+        raise ModelError(f"{LIST}: {error}") from error
+    for name in sorted(set(files) - set(table)):
+        raise ModelError(f"{name}.cfg is not listed in {LIST}")
+    models = [_model(name, entry, table, files) for name, entry in table.items()]
+    _check_names(models, tla_dir)
     return models
 
 
-def _model(entry: dict[str, Any]) -> Model:
+def _model(name: str, entry: Any, table: Mapping[str, Any], files: Mapping[str, str]) -> Model:
+    where = f"{LIST}: {name}"
+    if not isinstance(entry, dict):
+        raise ModelError(f"{where}: must be a table, as in [{name}]")
+    base = entry.get("base", name)
+    if base not in files:
+        raise ModelError(f"{where}: there is no {base}.cfg; base must name a model that has one")
+    if base != name and name in files:
+        raise ModelError(f"{where}: has a base, and a {name}.cfg")
+    given = {"module": table[base].get("module")} | entry
     try:
-        return Model.model_validate(entry)
+        found = Model.model_validate(given | {"cfg": name, "config": files[base]})
+        return found.model_copy(update={"config": _config(found)})
     except ValidationError as error:
         faults = "; ".join(
             ".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"]
             for e in error.errors()
         )
-        raise ModelError(f"{EXPECTATIONS}: model {entry.get('cfg', '?')}: {faults}") from error
+        raise ModelError(f"{where}: {faults}") from error
+    except ValueError as error:
+        raise ModelError(f"{where}: {error}") from error
 
 
-def _check_files(models: list[Model], models_dir: Path) -> None:
-    listed = [model.cfg for model in models]
-    for name in listed:
-        if listed.count(name) > 1:
-            raise ModelError(f"{EXPECTATIONS} lists {name} twice")
-    on_disk = {path.stem for path in models_dir.glob("*.cfg")}
-    for name in sorted(on_disk - set(listed)):
-        raise ModelError(f"{name}.cfg is not listed in {EXPECTATIONS}")
-    for name in sorted(set(listed) - on_disk):
-        raise ModelError(f"{EXPECTATIONS} lists {name}, but there is no {name}.cfg")
+def _config(model: Model) -> str:
+    """The cfg of a model, from that of its base. Raises ValueError for a change without effect."""
+    lines = model.config.splitlines()
+    for change in model.changes:
+        word = change.split()[0]
+        line = change if word.isupper() else f"  {change}"
+        at = next((n for n, old in enumerate(lines) if old.split()[:1] == [word]), None)
+        if at is not None:
+            if lines[at] == line:
+                raise ValueError(f"changes: {change} is what {model.base}.cfg says")
+            lines[at] = line
+        else:
+            constants = [n for n, old in enumerate(lines) if old.startswith("  ")]
+            lines.insert(len(lines) if word.isupper() else constants[-1] + 1, line)
+    if names := model.checks or ([] if model.breaks is None else [model.breaks]):
+        lines = split("\n".join(lines))[0].splitlines()
+        lines += [f"{_keyword(name)} {name}" for name in names]
+    return "".join(f"{line}\n" for line in lines if line.strip())
 
 
-def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
+def _keyword(name: str) -> str:
+    return "INVARIANT" if name.endswith("Inv") else "PROPERTY"
+
+
+def _check_names(models: list[Model], tla_dir: Path) -> None:
     try:
         texts = [path.read_text(encoding="utf-8") for path in sorted(tla_dir.glob("*.tla"))]
     except OSError as error:
@@ -229,11 +277,8 @@ def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
     for model in models:
         if not (tla_dir / f"{model.module}.tla").is_file():
             raise ModelError(f"model {model.cfg}: module {model.module} does not exist")
-        checked = checked_in(models_dir / f"{model.cfg}.cfg")
-        if model.expect == "holds" and not checked:
-            raise ModelError(f"{model.cfg}.cfg checks nothing")
-        if model.expect == "violates" and checked != [model.breaks]:
-            raise ModelError(f"{model.cfg}.cfg must check {model.breaks} and nothing else")
+        if not checked_in(model.config):
+            raise ModelError(f"model {model.cfg} checks nothing")
 
 
 def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
@@ -248,9 +293,14 @@ def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
     return rest, checked
 
 
-def checked_in(cfg: Path) -> list[str]:
-    """The names of the invariants and properties that a cfg lists."""
-    return [name for _, name in split(cfg.read_text(encoding="utf-8"))[1]]
+def checked_in(cfg: str) -> list[str]:
+    """The names of the invariants and properties that the text of a cfg lists."""
+    return [name for _, name in split(cfg)[1]]
+
+
+def replaced_in(cfg: str) -> dict[str, str]:
+    """The operators that the text of a cfg replaces, each with its replacement."""
+    return dict(re.findall(r"(\w+) <- (\w+)", cfg))
 
 
 def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) -> set[str]:
@@ -277,10 +327,16 @@ def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
     return [m for m in models if PROFILES.index(m.profile) <= PROFILES.index(profile)]
 
 
+def written(model: Model, folder: Path) -> Path:
+    """Write the cfg of a model into a folder and return its path."""
+    path = folder / f"{model.cfg}.cfg"
+    path.write_text(model.config, encoding="utf-8")
+    return path
+
+
 def check(
     model: Model,
     *,
-    models_dir: Path = MODELS,
     tla_dir: Path = TLA,
     heap_mb: int | None = None,
     timeout_s: float | None = None,
@@ -299,18 +355,19 @@ def check(
             reached.append(match[1])
 
     try:
-        result = tlc.run(
-            model.module,
-            models_dir / f"{model.cfg}.cfg",
-            tla_dir=tla_dir,
-            extra=("-lncheck", "final"),
-            heap_mb=heap_mb,
-            timeout_s=timeout_s,
-            on_progress=on_progress,
-            on_print=printed,
-            stop=stop,
-            short=model.seconds < SHORT_S,
-        )
+        with scratch.folder("model") as folder:
+            result = tlc.run(
+                model.module,
+                written(model, folder),
+                tla_dir=tla_dir,
+                extra=("-lncheck", "final"),
+                heap_mb=heap_mb,
+                timeout_s=timeout_s,
+                on_progress=on_progress,
+                on_print=printed,
+                stop=stop,
+                short=model.seconds < SHORT_S,
+            )
     except tlc.TlcError as error:
         if error.partial and error.kind in ("timeout", "memory", "disk"):
             seen = f"incomplete: {error.partial.distinct_states:,} states checked"
@@ -364,7 +421,6 @@ def check_all(
     *,
     jobs: int = 2,
     on_done: Callable[[Verdict], None] | None = None,
-    models_dir: Path = MODELS,
     tla_dir: Path = TLA,
     heap_mb: int | None = None,
     timeout_s: float | None = None,
@@ -383,7 +439,6 @@ def check_all(
             pool.submit(
                 check,
                 model,
-                models_dir=models_dir,
                 tla_dir=tla_dir,
                 heap_mb=heap_mb,
                 timeout_s=timeout_s,

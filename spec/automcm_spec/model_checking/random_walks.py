@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, SIMULATION, TLA
+from automcm_spec.support.paths import SIMULATION, TLA
 from automcm_spec.vocabulary.rules import RULES
 
 EndReason = Literal["time", "number", "violation"]
@@ -44,10 +44,11 @@ class WalkError(Exception):
 
 @dataclass(frozen=True)
 class WalkModel:
-    """A model for random walks: its cfg, its module, and the property it must violate, if any."""
+    """A model for random walks: the text of its cfg, its module, and the property it must violate,
+    if any."""
 
     name: str
-    cfg: Path
+    cfg: str
     module: str
     breaks: str | None = None
 
@@ -101,16 +102,16 @@ class Walks:
         }
 
 
-def known(models_dir: Path = MODELS, simulation: Path = SIMULATION) -> dict[str, WalkModel]:
+def known(simulation: Path = SIMULATION) -> dict[str, WalkModel]:
     """The models for random walks by name: the listed models and those of spec/simulation.
 
     Raises models.ModelError.
     """
-    listed = [
-        WalkModel(m.cfg, models_dir / f"{m.cfg}.cfg", m.module, m.property)
-        for m in models.load(models_dir)
+    listed = [WalkModel(m.cfg, m.config, m.module, m.property) for m in models.load()]
+    larger = [
+        WalkModel(path.stem, path.read_text(encoding="utf-8"), "System")
+        for path in sorted(simulation.glob("*.cfg"))
     ]
-    larger = [WalkModel(path.stem, path, "System") for path in sorted(simulation.glob("*.cfg"))]
     return {model.name: model for model in [*listed, *larger]}
 
 
@@ -217,8 +218,7 @@ def _named(state: tlc.TraceState) -> tlc.TraceState:
 
 
 def _config(model: WalkModel) -> str:
-    text = model.cfg.read_text(encoding="utf-8")
-    text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", text, flags=re.M)
+    text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", model.cfg, flags=re.M)
     if found != 1:
         raise WalkError(f"{model.name}: its cfg must contain SPECIFICATION Spec, as System's does")
     return text

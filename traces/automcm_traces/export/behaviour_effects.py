@@ -15,7 +15,7 @@ from typing import Any
 
 from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.station import Entry, Input, Message, State
 from automcm_traces.export.behaviour_to_log import Effects
 
@@ -94,11 +94,6 @@ def effects_of(
         (place / "Story.cfg").write_text(constants + nothing, encoding="utf-8")
         tlc.run("Story", place / "Story.cfg", tla_dir=place, on_print=read, short=True)
     return found
-
-
-def cfg_of(model: str, models: Path = MODELS) -> str:
-    """The text of a model's cfg."""
-    return (models / f"{model}.cfg").read_text(encoding="utf-8")
 
 
 def _tuple(value: Any) -> Any:

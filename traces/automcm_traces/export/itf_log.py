@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.model_checking import models, tlc_simulation
-from automcm_spec.support.paths import MODELS
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
@@ -21,7 +20,7 @@ from automcm_spec.vocabulary.station import Message, State, Timer
 from automcm_traces.checker.follow import Watcher, follow
 from automcm_traces.checker.track import CannotTell, Step, Track
 from automcm_traces.export import behaviour_to_log, itf, itf_validation
-from automcm_traces.export.behaviour_effects import cfg_of, effects_of
+from automcm_traces.export.behaviour_effects import effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
 from automcm_traces.format.reader import Log
 from automcm_traces.system.fates import Arrow
@@ -54,7 +53,7 @@ class Behaviour:
         """An integer constant of the model."""
         found = re.search(rf"^  {name} = (\d+)$", self.cfg, re.M)
         if found is None:
-            raise itf.ItfError(f"{self.model}.cfg: has no integer constant {name}")
+            raise itf.ItfError(f"{self.model}: has no integer constant {name}")
         return int(found[1])
 
     def logs(self) -> dict[int, bytes]:
@@ -82,7 +81,7 @@ class Behaviour:
         )
 
 
-def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
+def behaviour(path: Path) -> Behaviour:
     """The counterexample in a file written by ``automcm spec`` or ``make generate``.
 
     Raises OSError, and itf.ItfError with the file and the state.
@@ -92,21 +91,23 @@ def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
     except ValueError as error:
         raise itf.ItfError(f"{path}: not JSON: {error}") from None
     try:
-        return _behaviour(value, models_dir)
+        return _behaviour(value)
     except itf.ItfError as error:
         raise itf.ItfError(f"{path}: {error}") from None
 
 
-def _behaviour(value: object, models_dir: Path) -> Behaviour:
+def _behaviour(value: object) -> Behaviour:
     if not isinstance(value, dict):
         raise itf.ItfError("must be a JSON object")
     states = itf.from_itf(value)
     meta = value.get("#meta")
     source = meta.get("source") if isinstance(meta, dict) else None
-    found = re.fullmatch(r"spec/models/(\w+)\.cfg", source) if isinstance(source, str) else None
-    listed = {m.cfg: m for m in models.load(models_dir)}
+    found = (
+        re.fullmatch(r"spec/models/models\.toml#(\w+)", source) if isinstance(source, str) else None
+    )
+    listed = {m.cfg: m for m in models.load()}
     if found is None or found[1] not in listed:
-        raise itf.ItfError("#meta: source: must name a cfg of spec/models")
+        raise itf.ItfError("#meta: source: must name a model, as in spec/models/models.toml#rejoin")
     if not states:
         raise itf.ItfError("'states' is empty")
     model = listed[found[1]]
@@ -120,7 +121,7 @@ def _behaviour(value: object, models_dir: Path) -> Behaviour:
     for one, two in pairwise(states):
         ticks += two.meta["input"] in TICKS
         moves.append(_move(one, two, ticks))
-    return Behaviour(model.cfg, model.module, cfg_of(model.cfg, models_dir), moves)
+    return Behaviour(model.cfg, model.module, model.config, moves)
 
 
 def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
