@@ -302,6 +302,7 @@ def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
 @pytest.mark.slow
 def test_driving_software_at_the_other_end_of_a_bridge(tmp_path: Path) -> None:
     """station --bridge, and automcm drive, which asks for a lane change and completes it."""
+    (tmp_path / "token").touch(0o600)
     (tmp_path / "token").write_text("0123456789abcdef\n")
     token = ["--token-file", str(tmp_path / "token")]
     with running("link", "relay", "--port", "0") as relay:
@@ -338,6 +339,7 @@ def test_a_bridge_that_cannot_be_reached_or_opened_is_exit_code_3() -> None:
 
 
 def test_a_bridge_beyond_loopback_needs_a_token(tmp_path: Path) -> None:
+    (tmp_path / "token").touch(0o600)
     (tmp_path / "token").write_text("short")
     beyond = ["--bridge", "0", "--host", "0.0.0.0", "--allow-remote"]
     for more, code, problem in (

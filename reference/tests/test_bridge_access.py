@@ -88,13 +88,20 @@ def test_a_token_is_read_from_a_file_or_the_environment(
     assert access.read_token(None) is None
     monkeypatch.setenv(access.VARIABLE, OTHER_TOKEN)
     assert access.read_token(None) == OTHER_TOKEN
-    (tmp_path / "token").write_text(f"{TOKEN}\n")
-    assert access.read_token(tmp_path / "token") == TOKEN
+    file = tmp_path / "token"
+    file.write_text(f"{TOKEN}\n")
+    for mode in (0o640, 0o604, 0o622):
+        file.chmod(mode)
+        with pytest.raises(LinkError, match=f"^{file}: other users can read it; chmod 600 {file}"):
+            access.read_token(file)
+    file.chmod(0o600)
+    assert access.read_token(file) == TOKEN
 
 
 @pytest.mark.parametrize("bad", ["", "short", "x" * 257, "two words are no token", "é" * 20])
 def test_what_is_no_token(bad: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "token"
+    file.touch(0o600)
     file.write_text(bad, encoding="utf-8")
     with pytest.raises(LinkError, match=f"^{file}: a token must be") as error:
         access.read_token(file)

@@ -42,6 +42,15 @@ def test_a_key_that_others_can_read_is_refused(folder: Path) -> None:
             key_files.load(folder)
 
 
+@pytest.mark.parametrize("place", [".", "authorities"])
+def test_a_folder_in_which_others_can_write_is_refused(folder: Path, place: str) -> None:
+    for mode in (0o770, 0o702):
+        (folder / place).chmod(mode)
+        with pytest.raises(KeyFileError, match=f"chmod go-w {folder / place}$"):
+            key_files.load(folder)
+            key_files.load_authorities(folder)
+
+
 def test_no_key_is_overwritten(folder: Path) -> None:
     before = (folder / "key.pem").read_bytes()
     for again in (

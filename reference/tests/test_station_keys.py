@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import re
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -251,6 +255,68 @@ def test_an_authority_renews_only_what_it_has_issued_and_not_revoked(
     with pytest.raises(KeyFileError, match="it is revoked"):
         authority.renew(folder, not_before=0, not_after=DAY)
     assert path.read_bytes() == ours
+
+
+def test_two_revocations_at_once_are_both_on_the_list(
+    authority: AuthorityFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sign, second = certificates.revoke, Thread(target=authority.revoke, args=([b"2" * 8], 0))
+
+    def signing(*of: Any) -> bytes:
+        monkeypatch.undo()
+        second.start()
+        second.join(0.1)  # without a lock it ends here, and its entry is then lost
+        return sign(*of)
+
+    monkeypatch.setattr(certificates, "revoke", signing)
+    authority.revoke([b"1" * 8], 0)
+    second.join()
+    assert authority.revoked()[0] == {b"1" * 8, b"2" * 8}
+
+
+class Killed(BaseException):
+    """The process is killed before it changes the next file."""
+
+
+def _keys_commands(folder: Path) -> None:
+    """Every command that changes a folder, unless an earlier run has done so."""
+    if not (folder / "authority").exists():
+        AuthorityFolder.create(folder / "authority")
+    signer = AuthorityFolder(folder / "authority")
+    if not (folder / "9").exists():
+        signer.issue(folder / "9", ids=[9], not_before=0, not_after=1)
+    old = key_files.load(folder / "9").certificate
+    signer.renew(folder / "9", not_before=0, not_after=1 + len(signer.issued()))
+    signer.revoke([old.digest], 0)
+
+
+STEPS = 17
+"""Changes of a file or a folder by ``_keys_commands``."""
+
+
+@pytest.mark.parametrize("steps", range(STEPS + 2))
+def test_the_next_command_works_with_what_an_interrupted_one_has_left(
+    steps: int, tmp_path: Path
+) -> None:
+    left = iter(range(steps))
+
+    def dying(change: Callable[..., None]) -> Callable[..., None]:
+        def then(*of: Any, **more: Any) -> None:
+            if next(left, None) is None:
+                raise Killed
+            change(*of, **more)
+
+        return then
+
+    with pytest.MonkeyPatch.context() as patch, suppress(Killed):
+        patch.setattr(shutil, "rmtree", lambda *of, **more: None)  # nor does it clean up
+        for owner, name in ((key_files, "write"), (key_files, "save_key")):
+            patch.setattr(owner, name, dying(getattr(owner, name)))
+        for name in ("mkdir", "rename"):
+            patch.setattr(Path, name, dying(getattr(Path, name)))
+        _keys_commands(tmp_path)
+    _keys_commands(tmp_path)
+    assert bool([*left]) == (steps > STEPS)
 
 
 def test_a_list_grows_and_a_new_station_gets_it(tmp_path: Path, authority: AuthorityFolder) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from automcm.links.link import LinkError, is_loopback
+from automcm_spec.support import files
 
 VARIABLE = "AUTOMCM_BRIDGE_TOKEN"
 """The environment variable of the token."""
@@ -19,13 +20,13 @@ _SCHEME = "Bearer"
 def read_token(file: Path | None) -> str | None:
     """The token in ``file``, or without a file in the environment variable, or None.
 
-    Raises LinkError, which names the source, but never its content.
+    Raises LinkError, which names the source, but never its content, also if other users can read
+    the file.
     """
     if file is None:
         return checked(os.environ[VARIABLE], VARIABLE) if VARIABLE in os.environ else None
     try:
-        with file.open(encoding="ascii", errors="replace") as opened:
-            text = opened.read(1000)
+        text = files.read_private(file, 1000).decode("ascii", errors="replace")
     except OSError as error:
         raise LinkError(f"{file}: {error.strerror or error}") from None
     return checked(text, str(file))

@@ -6,13 +6,15 @@ of revoked certificates), and in ``issued`` a copy of each certificate.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from automcm.security import certificates, cose
 from automcm.security.certificates import Certificate, Role
 from automcm.service import key_files
 from automcm.service.key_files import CERTIFICATE, KEY, KeyFileError
+from automcm_spec.support import scratch
 
 ISSUED = "issued"
 
@@ -30,9 +32,18 @@ class AuthorityFolder:
     def create(cls, folder: Path) -> AuthorityFolder:
         """A new authority in a new folder."""
         key = cose.new_key()
-        key_files.new_folder(folder, [key.public_key()])
-        key_files.save_key(folder / KEY, key)
+        with key_files.new_folder(folder, [key.public_key()]) as new:
+            key_files.save_key(new / KEY, key)
         return cls(folder)
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """No other process changes the folder between reading, signing and writing."""
+        try:
+            with scratch.locked_folder(self.folder):
+                yield
+        except OSError as error:
+            raise KeyFileError(f"{self.folder}: {error.strerror}") from None
 
     def issue(
         self,
@@ -60,10 +71,9 @@ class AuthorityFolder:
             scenarios=scenarios,
             station_type=station_type,
         )
-        key_files.save(folder, key, self._keep(new), [self._key.public_key()])
-        if self.revoked_list.exists():
-            copy = folder / key_files.AUTHORITIES / self.revoked_list.name
-            key_files.write(copy, key_files.content(self.revoked_list))
+        with self._locked():
+            lists = key_files.revoked_lists(self.folder)
+            key_files.save(folder, key, self._keep(new), [self._key.public_key()], lists)
         return new
 
     def renew(self, folder: Path, *, not_before: int, not_after: int) -> Certificate:
@@ -73,22 +83,23 @@ class AuthorityFolder:
         revoked.
         """
         path = folder / CERTIFICATE
-        old = key_files.load_certificate(path)
-        if certificates.encoded(old) not in map(certificates.encoded, self.issued()):
-            raise KeyFileError(f"{path}: {self.folder} has not issued it")
-        if old.digest in self.revoked()[0]:
-            raise KeyFileError(f"{path}: it is revoked; issue another one")
-        new = certificates.issue(
-            self._key,
-            old.key(),
-            ids=old.ids,
-            not_before=not_before,
-            not_after=not_after,
-            roles=old.roles,
-            scenarios=old.scenarios,
-            station_type=old.station_type,
-        )
-        key_files.write(path, certificates.encoded(self._keep(new)))
+        with self._locked():
+            old = key_files.load_certificate(path)
+            if certificates.encoded(old) not in map(certificates.encoded, self.issued()):
+                raise KeyFileError(f"{path}: {self.folder} has not issued it")
+            if old.digest in self.revoked()[0]:
+                raise KeyFileError(f"{path}: it is revoked; issue another one")
+            new = certificates.issue(
+                self._key,
+                old.key(),
+                ids=old.ids,
+                not_before=not_before,
+                not_after=not_after,
+                roles=old.roles,
+                scenarios=old.scenarios,
+                station_type=old.station_type,
+            )
+            key_files.write(path, certificates.encoded(self._keep(new)))
         return new
 
     def issued(self) -> list[Certificate]:
@@ -110,11 +121,12 @@ class AuthorityFolder:
 
     def revoke(self, digests: Collection[bytes], now: int) -> frozenset[bytes]:
         """Add certificates to its list.  Returns all that are on it."""
-        present, issued = self.revoked()
-        whole = present.union(digests)
-        key_files.write(
-            self.revoked_list, certificates.revoke(self._key, whole, max(now, issued + 1))
-        )
+        with self._locked():
+            present, issued = self.revoked()
+            whole = present.union(digests)
+            key_files.write(
+                self.revoked_list, certificates.revoke(self._key, whole, max(now, issued + 1))
+            )
         return whole
 
     def _keep(self, new: Certificate) -> Certificate:

@@ -7,8 +7,12 @@ Errors name the file and never show what is in it.
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Iterable
+import secrets
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from automcm.encoding.codec import Codec
@@ -41,33 +45,53 @@ def save_key(path: Path, key: PrivateKey) -> None:
 
 def load_key(path: Path) -> PrivateKey:
     """A private key.  Raises KeyFileError, also if others than its owner can read the file."""
-    data = content(path)
-    if path.stat().st_mode & 0o077:
-        raise KeyFileError(f"{path}: other users can read it; chmod 600 {path}")
-    key = read_pem(data)
+    key = read_pem(content(path, private=True))
     if not isinstance(key, PrivateKey):
         raise KeyFileError(f"{path}: expected a private key of P-256 in PEM without a password")
     return key
 
 
 def save(
-    folder: Path, key: PrivateKey, certificate: Certificate, authorities: Iterable[PublicKey]
+    folder: Path,
+    key: PrivateKey,
+    certificate: Certificate,
+    authorities: Iterable[PublicKey],
+    lists: Iterable[Path] = (),
 ) -> None:
-    """Write the files of a station to a new folder (mode 700).  Raises KeyFileError."""
-    new_folder(folder, authorities)
-    write(folder / CERTIFICATE, certificates.encoded(certificate))
-    save_key(folder / KEY, key)
+    """Write the files of a station to a new folder, with copies of lists of revoked certificates.
+
+    Raises KeyFileError.
+    """
+    with new_folder(folder, authorities) as new:
+        write(new / CERTIFICATE, certificates.encoded(certificate))
+        for path in lists:
+            write(new / AUTHORITIES / path.name, content(path))
+        save_key(new / KEY, key)
 
 
-def new_folder(folder: Path, authorities: Iterable[PublicKey]) -> None:
-    """A folder (mode 700) with the public keys of authorities.  Raises KeyFileError."""
+@contextmanager
+def new_folder(folder: Path, authorities: Iterable[PublicKey]) -> Iterator[Path]:
+    """A folder (mode 700) with the public keys of authorities, which is ``folder`` at the end.
+
+    So ``folder`` is complete or does not exist, whatever interrupts the command.  Raises
+    KeyFileError, also if it exists.
+    """
     try:
-        folder.mkdir(mode=0o700)
-        (folder / AUTHORITIES).mkdir()
+        if folder.exists():
+            raise FileExistsError(errno.EEXIST, "File exists")
+        new = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.new")
+        new.mkdir(mode=0o700)
+        try:
+            (new / AUTHORITIES).mkdir(mode=0o700)
+            for authority in authorities:
+                write(authority_path(new, authority), public_pem(authority))
+            yield new
+            new.rename(folder)
+        except BaseException:
+            shutil.rmtree(new, ignore_errors=True)
+            raise
     except OSError as error:
         raise KeyFileError(f"{folder}: {error.strerror}") from None
-    for authority in authorities:
-        write(authority_path(folder, authority), public_pem(authority))
 
 
 def authority_path(folder: Path, authority: PublicKey) -> Path:
@@ -125,9 +149,16 @@ def load_authority(path: Path) -> PublicKey:
     return key
 
 
-def content(path: Path) -> bytes:
-    """The bytes of a file, at most LARGEST.  Raises KeyFileError."""
+def content(path: Path, *, private: bool = False) -> bytes:
+    """The bytes of a file, at most LARGEST.
+
+    Raises KeyFileError, also if other users can write in its folder or read a private file.
+    """
     try:
+        if path.parent.stat().st_mode & 0o022:
+            raise OSError(0, f"other users can write in its folder; chmod go-w {path.parent}")
+        if private:
+            return files.read_private(path, LARGEST)
         with path.open("rb") as file:
             return file.read(LARGEST)
     except OSError as error:

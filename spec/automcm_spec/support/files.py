@@ -1,4 +1,4 @@
-"""Writes files atomically: completely or not at all."""
+"""Writes files atomically: completely or not at all. Reads files that only their owner may read."""
 
 from __future__ import annotations
 
@@ -13,6 +13,17 @@ from typing import BinaryIO
 
 _NOT_BESIDE = {errno.EACCES, errno.EPERM, errno.EROFS}
 """The folder does not allow new files, but an existing file may still be writable."""
+
+
+def read_private(path: Path, most: int) -> bytes:
+    """The first ``most`` bytes of a file with a secret.
+
+    Raises OSError, also if other users than its owner can read the file.
+    """
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_mode & 0o077:
+            raise OSError(errno.EACCES, f"other users can read it; chmod 600 {path}", str(path))
+        return file.read(most)
 
 
 def write(path: Path, data: str | bytes, *, durable: bool = False) -> None:

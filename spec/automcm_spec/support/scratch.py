@@ -53,6 +53,18 @@ def locked(name: str) -> Iterator[None]:
 
 
 @contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """A lock on a folder between processes, also of other users. Raises OSError."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        if fcntl:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+@contextmanager
 def folder(name: str) -> Iterator[Path]:
     """A new folder, removed at the end.
 
