@@ -87,8 +87,34 @@ def test_a_link_stays_and_its_target_is_written(tmp_path: Path) -> None:
     link.symlink_to("there/target")
     second.symlink_to(link)
     for text in ("new", "newer"):  # the first is not there yet
-        files.write(second, text)
+        files.write(second, text, named=True)
         assert second.is_symlink() and link.is_symlink() and target.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("path", "link", "named"),
+    [
+        ("out/x", "out/x", False),
+        ("runs/x/y", "runs", True),
+        ("runs/x/y", "runs/x", True),
+        ("runs/x/y", "runs/x/y", True),
+    ],
+)
+def test_a_link_in_a_path_that_nobody_named_is_refused(
+    path: str, link: str, named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(link).parent.mkdir(parents=True, exist_ok=True)
+    Path(link).symlink_to(tmp_path / "elsewhere")
+    for change in (
+        lambda: files.folder(Path(path), named=named),
+        lambda: files.write(Path(path), ""),
+    ):
+        with pytest.raises(OSError, match="a symbolic link") as error:
+            change()
+        assert error.value.filename == link
+    assert not (tmp_path / "elsewhere").exists()
+    files.write(Path("/dev/stdout"), "no link of a folder")
 
 
 def test_devices_and_pipes_are_written_directly(tmp_path: Path) -> None:
@@ -114,7 +140,7 @@ def test_standard_output_that_is_a_file_stays_that_file(
         path = str(tmp_path / "link")
         Path(path).symlink_to("/dev/stdout")
     with out.open("ab") as stdout:
-        code = WRITE + f"files.write(Path({path!r}), 'first '); print('second')"
+        code = WRITE + f"files.write(Path({path!r}), 'first ', named=True); print('second')"
         subprocess.run([*PYTHON, code], stdout=stdout, check=True)
     assert "second" in out.read_text()
 

@@ -64,7 +64,7 @@ def run(
     started, clock = datetime.now(UTC), time.monotonic()
     with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
         known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
-        folder.mkdir(parents=True, exist_ok=True)
+        files.folder(folder, named=True)
         with progress() as notify:
             report = conform(
                 command,

@@ -12,6 +12,7 @@ import typer
 from automcm_cli.shared.adapter_options import Limit, command_of, fresh_folder
 from automcm_cli.shared.common import Json, code_3, console_of, progress, write_json
 from automcm_conformance.adapter.process import LIMIT_S
+from automcm_spec.support import files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -54,7 +55,7 @@ def explore(
         return number < walks if walks is not None else time.monotonic() - clock < seconds
 
     with code_3("explore", AdapterError, ProtocolError, OracleError, OSError):
-        folder.mkdir(parents=True, exist_ok=True)
+        files.folder(folder, named=True)
         with progress() as notify:
             found = explore_(
                 command, folder, limit_s=limit, seed=seed, enough=enough, notify=notify, more=more

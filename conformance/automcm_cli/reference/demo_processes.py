@@ -21,7 +21,7 @@ from typing import Any
 from automcm.links.relay import Relay
 from automcm.links.simulated_radio import Channel
 from automcm.service.station_process import stopping
-from automcm_spec.support import children, scratch
+from automcm_spec.support import children, files, scratch
 from automcm_traces.explain.explain import Verdict, explain_files
 
 LIMIT_S = 50
@@ -153,7 +153,7 @@ class Demo:
             vehicle.options += ["--keys", str(own)]
 
     async def _run(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
+        files.folder(self.folder, named=True)
         for old in self.folder.glob("[1-5].ndjson"):
             old.unlink()
         began = time.monotonic()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from automcm_cli.shared.common import Json, code_3, example, progress, write_json
-from automcm_spec.support import children
+from automcm_spec.support import children, files
 
 if TYPE_CHECKING:
     from automcm.scenarios.drive import SimulatedDrive
@@ -60,7 +60,7 @@ def lane_change(
         seed=seed,
     )
     with code_3("simulate", OSError):
-        out.mkdir(parents=True, exist_ok=True)
+        files.folder(out, named=True)
         for old in out.glob("[1-4].ndjson"):
             old.unlink()
         drive = setting.run(channel=Channel(loss=loss), logs=out)

@@ -103,7 +103,7 @@ def traffic(
         )
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
-        out.mkdir(parents=True, exist_ok=True)
+        files.folder(out, named=True)
         with ExitStack() as stack:
             bar = stack.enter_context(_bar(duration_s))
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
@@ -183,7 +183,7 @@ def traffic_sweep(
         "bad": bad,
     }
     if page is not None:
-        files.write(page, traffic_sweep.page(report))
+        files.write(page, traffic_sweep.page(report), named=True)
     if write_json(json_, report):
         _say_sweep(summary, bad)
     raise typer.Exit(1 if bad else 0)

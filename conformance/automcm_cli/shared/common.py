@@ -85,7 +85,7 @@ def write_json(target: Path | None, value: Any) -> bool:
         sys.stdout.write(text)  # automcm_cli.exit_codes handles a failure
         return False
     with code_3("--json", OSError):
-        files.write(target, text)
+        files.write(target, text, named=True)
     return True
 
 

@@ -102,7 +102,7 @@ def counterexample(verdict: models.Verdict) -> str:
 
 def write_trace(verdict: models.Verdict, folder: Path) -> Path:
     """Write the counterexample as ITF into a folder and return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
     files.write(path, counterexample(verdict))
     return path

@@ -81,7 +81,7 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
                 param_hint="--out",
             )
         paths.append(path)
-    out.mkdir(parents=True, exist_ok=True)
+    files.folder(out, named=True)
     for path, log in zip(paths, found.logs, strict=True):
         files.write(path, log.text())
     return paths

@@ -86,7 +86,7 @@ def _write(
             command, BadInput, ItfError, McapError, MergeError, OSError, BehaviourError, TlcError
         ):
             contents = {out / name: data for name, data in make().items()}
-            out.mkdir(parents=True, exist_ok=True)
+            files.folder(out, named=True)
             for path, data in contents.items():
                 if path.resolve() in {other.resolve() for other in read}:
                     raise typer.BadParameter(

@@ -88,8 +88,8 @@ def html(
         page = page_of(logs, late, other, pairs, part)
         page.traffic = traffic
         data = html_(page)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        files.write(out, data)
+        files.folder(out.parent, named=True)
+        files.write(out, data, named=True)
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
     if write_json(json_, about | judged(page)):
         typer.echo(f"{out}: {len(page.nodes)} events, {len(data)} bytes")

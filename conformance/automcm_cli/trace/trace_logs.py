@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
+from automcm_spec.support import files
 
 if TYPE_CHECKING:
     from automcm_traces.explain.lint_fix import Change, TimeUnit
@@ -133,7 +134,7 @@ def _fixed(log: Path, target: Path, unit: TimeUnit | None) -> list[Change] | Non
     with code_3("lint", OSError):
         try:
             if log.is_file():
-                target.parent.mkdir(parents=True, exist_ok=True)
+                files.folder(target.parent, named=True)
             return fix(log, target, unit)
         except (BadInput, FileNotFoundError, IsADirectoryError):
             return None  # lint says why
@@ -286,16 +287,15 @@ def coverage(
     from automcm_spec.vocabulary.condition_coverage import annotated
     from automcm_traces.explain import coverage as coverage_
 
-    files = files_of("coverage", logs)
+    paths = files_of("coverage", logs)
     with progress() as status:
-        found = coverage_.measure(_with_progress(files, status), late)
+        found = coverage_.measure(_with_progress(paths, status), late)
     if html is not None:
-        from automcm_spec.support.files import write
         from automcm_traces.explain.coverage_page import page
 
         with code_3("coverage", OSError):
-            html.parent.mkdir(parents=True, exist_ok=True)
-            write(html, page(found))
+            files.folder(html.parent, named=True)
+            files.write(html, page(found), named=True)
     if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
             typer.echo(line)

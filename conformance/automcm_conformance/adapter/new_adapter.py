@@ -36,7 +36,7 @@ def create(language: str, target: Path) -> list[Path]:
         raise ValueError(f"no template for {language!r}; choose from {', '.join(sorted(FILES))}")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise FileExistsError(f"{target} exists and is not an empty folder; name a new folder")
-    target.mkdir(parents=True, exist_ok=True)
+    files.folder(target, named=True)
     written = []
     for name in FILES[language]:
         path = target / name

@@ -139,7 +139,7 @@ def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: Hel
     """Write the log of an exchange into the ``logs`` of a folder. Returns its relative path, or an
     empty text if a log cannot hold an answer."""
     path = folder / "logs" / f"{name}.ndjson"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    files.folder(path.parent)
     try:
         write_log(path, case, steps, hello.name, hello.version)
     except ValueError:

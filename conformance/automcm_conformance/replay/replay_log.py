@@ -26,6 +26,7 @@ from automcm_conformance.exchange.results import Line
 from automcm_conformance.replay.log_compare import Difference, LogComparison, Renaming
 from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
 from automcm_conformance.scenarios.monitor import Monitor
+from automcm_spec.support import files
 from automcm_spec.vocabulary.parameters import longest_delay
 from automcm_traces.checker.finding import Diverges
 from automcm_traces.checker.track import CannotTell
@@ -172,7 +173,7 @@ class _Run:
     def start(self, out: Path, seed: int) -> None:
         """Start a new station.  Raises the same errors as Monitor."""
         header = self._found.header
-        out.mkdir(parents=True, exist_ok=True)
+        files.folder(out, named=True)
         new = out / f"{self._found.path.stem}-replayed.ndjson"
         self._result.log = str(new)
         self._monitor = Monitor(

@@ -144,7 +144,7 @@ class Cases:
         partly = len(chosen) < self._all
         started, clock = datetime.now(UTC), time.monotonic()
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
+            files.folder(self._folder, named=True)
             result = suite_run.conform(
                 self._command,
                 chosen,

@@ -71,7 +71,7 @@ def write(report: Report, folder: Path) -> list[Path]:
     Equal reports give equal bytes, apart from ``started`` and ``seconds``.  Raises OSError if a
     file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     paths = [folder / name for name in ("report.json", "junit.xml", "report.html")]
     text = json.dumps(report.as_dict(), indent=2, sort_keys=True) + "\n"
     files.write(paths[0], text)

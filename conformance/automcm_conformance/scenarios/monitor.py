@@ -18,6 +18,7 @@ from automcm_conformance.exchange.armed_timers import Clock, Running
 from automcm_conformance.exchange.records import COMPLETE, bare
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
+from automcm_spec.support import files
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.parameters import derived, forgotten_at, in_header
 from automcm_spec.vocabulary.rules import RULES
@@ -82,6 +83,7 @@ class Monitor:
         self._lines = lines
         self._backoff = parameters["backoff_min"], parameters["backoff_max"]
         self._known = {**parameters, **derived(parameters)}
+        files.refuse_links(path)
         self._log = LogWriter(
             path,
             run=run,

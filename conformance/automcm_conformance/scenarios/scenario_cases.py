@@ -23,6 +23,7 @@ from automcm_conformance.scenarios.scenario_runner import (
     When,
 )
 from automcm_conformance.scenarios.scripted_radio import Rule
+from automcm_spec.support import files
 
 P, Q, R = 1001, 1002, 2002
 
@@ -218,7 +219,8 @@ def run(
         for number, play in enumerate(plays, 1):
             for k in range(play.seeds):
                 at = place / f"{number}-{seed + k}"
-                at.mkdir(parents=True, exist_ok=True)
+                for each in (place.parent, place, at):
+                    files.folder(each)
                 running = PlayRun(play, processes, hello, at, seed + k)
                 outcomes.append(running.outcome(folder))
                 if outcomes[-1].verdict in ("FAIL", "ERROR"):

@@ -193,7 +193,7 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     """The report's text of a fault; its replay is written."""
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
-    replay.parent.mkdir(parents=True, exist_ok=True)
+    files.folder(replay.parent)
     found, steps = fault.finding, fault.error.steps
     files.write(replay, records.replay_text(case, found.rule, transcript.finding(found), steps))
     last, lines = steps[-1], transcript.exchange(steps)

@@ -39,7 +39,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
 )
 from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle_generation import spec_hash
-from automcm_spec.support import children, scratch
+from automcm_spec.support import children, files, scratch
 
 Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
@@ -286,7 +286,7 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
 
     Interrupted, it returns what is decided.  Raises WalkError, OSError, OracleError.
     """
-    asked.folder.mkdir(parents=True, exist_ok=True)
+    files.folder(asked.folder, named=True)
     for unfinished in asked.folder.glob(".*.new"):  # of a run that was killed
         unfinished.unlink()
     kept = _Kept(asked)
@@ -309,7 +309,7 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
 
 def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
     """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
-    asked.folder.mkdir(parents=True, exist_ok=True)
+    files.folder(asked.folder, named=True)
     kept, mutants = _Kept(asked), cpp_station.mutants()
     rows: dict[str, Row] = {}
     left = []

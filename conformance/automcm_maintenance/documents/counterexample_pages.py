@@ -28,7 +28,7 @@ def committed(
 
     Raises OSError and the errors of ``trace_html.page_of``.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     written = []
     for model in loaded:
         if model.expect == "violates" and model.module not in models.ALONE:

@@ -14,6 +14,7 @@ from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import Application
 from automcm.service.event_log import open_log
 from automcm.service.service import McService, Observer
+from automcm_spec.support import files
 from automcm_spec.vocabulary.application import Command
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -38,7 +39,7 @@ class Simulation:
         self._seed, self._logs, self._service = seed, logs, service
         self._stack = ExitStack()
         if logs is not None:
-            logs.mkdir(parents=True, exist_ok=True)
+            files.folder(logs, named=True)
 
     def add(
         self,
@@ -56,9 +57,11 @@ class Simulation:
         parameters = parameters or Parameters()
         log = None
         if self._logs is not None:
+            path = self._logs / f"{station_id}.ndjson"
+            files.refuse_links(path)
             log = self._stack.enter_context(
                 open_log(
-                    self._logs / f"{station_id}.ndjson",
+                    path,
                     station_id,
                     parameters,
                     run=f"seed-{self._seed}",

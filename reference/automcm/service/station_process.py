@@ -82,7 +82,7 @@ class NumberFile:
     def keep(self, number: int) -> None:
         """Store a number.  Raises NumberError; the number must then not be sent."""
         try:
-            files.write(self.path, f"{number}\n", durable=True)
+            files.write(self.path, f"{number}\n", named=True, durable=True)
         except OSError as error:
             raise NumberError(f"{self.path}: {error.strerror}") from None
 

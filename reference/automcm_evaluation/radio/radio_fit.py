@@ -66,7 +66,7 @@ TABLE = Path(table_radio.__file__).with_name("radio_table.json")
 def measure() -> None:
     """Run ns-3 on every traffic that is not measured yet."""
     known = {m.traffic: m for m in (ns3_measured() if NS3.exists() else [])}
-    COUNTS.mkdir(parents=True, exist_ok=True)
+    files.folder(COUNTS, named=True)
     for traffic in FITTED + CHECKED:
         kept = COUNTS / f"{traffic.name}.npz"
         if traffic in known and (kept.exists() or not traffic.fitted):

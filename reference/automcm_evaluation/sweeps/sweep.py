@@ -151,6 +151,7 @@ def finish(
     ]
     notify(len(wanted) - len(missing), len(wanted))
     ran = len(wanted) - len(missing)
+    files.refuse_links(kept)
     with kept.open("a", encoding="utf-8") as file:
         for values, result in _results(run, missing, workers, scheduler):
             file.write(canonical({"values": values, "result": result}) + "\n")
@@ -163,10 +164,10 @@ def finish(
 
 def prepare(folder: Path) -> None:
     """Make the folder and check that it can be written before a long run.  Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     probe = folder / ".probe"
     try:
-        probe.write_bytes(b"probe")
+        files.write(probe, b"probe")
     finally:
         probe.unlink(missing_ok=True)
     free = shutil.disk_usage(folder).free

@@ -1,4 +1,8 @@
-"""Writes files atomically: completely or not at all. Reads files that only their owner may read."""
+"""Writes files atomically: completely or not at all, and where the user meant them to be.
+
+A foreign folder may have symbolic links at the names of our outputs. A link is followed only in a
+path that the user named.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,29 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+DEFAULT = "runs"
+"""In the working directory, the folder of all outputs for which the user names no place."""
 _NOT_BESIDE = {errno.EACCES, errno.EPERM, errno.EROFS}
 """The folder does not allow new files, but an existing file may still be writable."""
+
+
+def refuse_links(path: Path, *, named: bool = False) -> None:
+    """Raise OSError if a part of an output's path that the user did not name is a symbolic link.
+
+    These are the last part unless ``named``, and every part from ``DEFAULT``.
+    """
+    parts = [path, *path.parents][:-1] if path.parts[:1] == (DEFAULT,) else [] if named else [path]
+    for part in parts:
+        if part.is_symlink() and not _is_device(part):
+            problem = "a symbolic link, which is only followed in a path that was given; remove it"
+            raise OSError(errno.ELOOP, problem, str(part))
+
+
+def folder(path: Path, *, named: bool = False) -> Path:
+    """Make an output folder if it does not exist; links as for ``refuse_links``. Raises OSError."""
+    refuse_links(path, named=named)
+    path.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def read_private(path: Path, most: int) -> bytes:
@@ -26,21 +51,22 @@ def read_private(path: Path, most: int) -> bytes:
         return file.read(most)
 
 
-def write(path: Path, data: str | bytes, *, durable: bool = False) -> None:
+def write(path: Path, data: str | bytes, *, named: bool = False, durable: bool = False) -> None:
     """Write a file like ``writing``; text as UTF-8. Raises OSError."""
-    with writing(path, durable=durable) as file:
+    with writing(path, named=named, durable=durable) as file:
         file.write(data.encode() if isinstance(data, str) else data)
 
 
 @contextmanager
-def writing(path: Path, *, durable: bool = False) -> Iterator[BinaryIO]:
+def writing(path: Path, *, named: bool = False, durable: bool = False) -> Iterator[BinaryIO]:
     """A file that replaces ``path`` at the end; if anything fails, ``path`` is unchanged.
 
     It is written beside ``path`` under a unique name, then renamed. If ``path`` is a symbolic link,
-    its target is replaced. Devices, pipes and open files (/dev/stdout) are written directly, as are
-    files in a folder that allows no new ones. With ``durable``, it is on disk on return. Raises
-    OSError.
+    its target is replaced, or without ``named`` the link refused (``refuse_links``). Devices, pipes
+    and open files (/dev/stdout) are written directly, as are files in a folder that allows no new
+    ones. With ``durable``, it is on disk on return. Raises OSError.
     """
+    refuse_links(path, named=named)
     target = _target(path)
     new = None if target is None else _beside(target)
     if target is None or new is None:
@@ -71,11 +97,15 @@ def _target(path: Path) -> Path | None:
     with suppress(FileNotFoundError):
         if not stat.S_ISREG(path.stat().st_mode):
             return None
-    while not os.path.abspath(path).startswith(("/dev/", "/proc/")):
+    while not _is_device(path):
         if not path.is_symlink():
             return path
         path = path.parent / path.readlink()
     return None
+
+
+def _is_device(path: Path) -> bool:
+    return os.path.abspath(path).startswith(("/dev/", "/proc/"))
 
 
 def _beside(target: Path) -> Path | None:

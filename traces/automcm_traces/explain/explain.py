@@ -472,7 +472,7 @@ def prefix(
     verdict names. Raises OSError.
     """
     lines = max(verdict.seen, verdict.finding.at.line)
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     log = Path(verdict.file) if log is None else log
     name = f"{log.stem}-{verdict.finding.at.line}"
     path, n = folder / f"{name}.ndjson", 1

@@ -54,7 +54,7 @@ def fix(source: Path, target: Path, unit: TimeUnit | None = None) -> list[Change
         top = _highest_tx(log)
         log.seek(0)
         mending = _Mending(source, unit, top)
-        with files.writing(target) as copy:
+        with files.writing(target, named=target == source) as copy:
             for line in log:
                 copy.write(mending.line(line))
     return [Change(what, *where) for what, where in mending.changes.items()]
