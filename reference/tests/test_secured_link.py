@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import base64
 import json
 import random
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +20,7 @@ import pytest
 from automcm_stage import cam, cancel, fin
 from security_stage import (
     DAY,
+    NOW,
     OTHER_AUTHORITY,
     SecuredSimulation,
     credentials,
@@ -26,7 +30,9 @@ from security_stage import (
 )
 from service_stage import Jumpy, Noted, Wire, alone
 
+from automcm.encoding.codec import FRAME_BYTES, JSON
 from automcm.links.clock import VirtualClock
+from automcm.links.link import LinkError, Receiver
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
@@ -34,7 +40,8 @@ from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.security import cose, envelope
 from automcm.security.signer import PseudonymError, Signer
 from automcm.service.application import AgreedManeuver
-from automcm.service.secured_service import change_credentials
+from automcm.service.secured_service import LOGGED_PER_SECOND, change_credentials
+from automcm.service.station_process import _free
 from automcm_spec.vocabulary.messages import encode
 from automcm_traces.explain.explain import explain
 from automcm_traces.format.reader import read
@@ -390,7 +397,38 @@ def test_what_is_over_the_budget_is_counted_and_not_logged(tmp_path: Path) -> No
         json.loads(line).get("rejected") for line in (tmp_path / "2.ndjson").open(encoding="utf-8")
     )
     assert counted["over_budget"] > 0 and "over_budget" not in logged
-    assert logged["bad_signature"] == counted["bad_signature"] > 0
+    assert logged["bad_signature"] == LOGGED_PER_SECOND < counted["bad_signature"]
+
+
+def test_end_5_what_is_no_message_is_logged_up_to_a_frame() -> None:
+    sink, data = BytesIO(), bytes(range(256)) * 250
+    about = {"run": "x", "station": 1, "implementation": "automcm", "version": "0"}
+    service, _, _ = alone(log=LogWriter(sink, **about))
+    service.receive(data)
+    service.rejected("bad_signature", data)
+    lines = [json.loads(line) for line in sink.getvalue().splitlines()]
+    raw = [base64.b64decode(line["raw"]) for line in lines if "raw" in line]
+    assert raw == [data[:FRAME_BYTES]] * 2
+
+
+@pytest.mark.parametrize(("age_ms", "used"), [(1, False), (0, True)])
+def test_end_8_a_copy_of_its_own_last_envelope_stops_no_restart(age_ms: int, used: bool) -> None:
+    """Another process with the same keys does."""
+    own, clock = credentials(1), Jumpy()
+    clock.time = NOW
+
+    class Air(Wire):
+        def open(self, receive: Receiver) -> None:
+            receive(seal(own, cam(1, NOW - age_ms), NOW - age_ms), None)
+
+    link = SecuredLink(Air(), Signer(own, "json"), new_verifier(), clock)
+    link.on_air = False
+
+    async def listen() -> None:
+        await _free(link, JSON, 1, 1, asyncio.get_running_loop().create_future())
+
+    with pytest.raises(LinkError, match="in use") if used else nullcontext():
+        asyncio.run(listen())
 
 
 def test_without_the_extra_the_import_says_what_to_install() -> None:

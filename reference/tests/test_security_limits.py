@@ -5,6 +5,8 @@ As in ``test_security_verifier.py``, each test finishes quickly and takes no fix
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 from automcm_stage import cam, fin
 from security_stage import (
     AUTHORITY,
@@ -17,7 +19,7 @@ from security_stage import (
 )
 
 from automcm.encoding.codec import JSON
-from automcm.security import certificates, envelope, verifier
+from automcm.security import certificates, cose, envelope, verifier
 from automcm.security.budget import Budget
 from automcm.security.certificates import Credentials
 from automcm.security.signer import PseudonymError, Signer
@@ -65,6 +67,16 @@ def rubbish(number: int) -> bytes:
     changed = [*value[:3], value[3][:-2] + number.to_bytes(2)]
     own = Credentials(certificates.unpacked(changed), key(7))
     return seal(own, cam(9, NOW))
+
+
+def test_end_5_before_its_signature_little_of_a_datagram_is_decoded() -> None:
+    header = cose.encode({cose.ALGORITHM: cose.ES256, cose.KID: bytes(8)})
+    for value in (1, b"", "", {}, []):
+        items = cose.encode([value] * 60_000)
+        for data in (items, cose.encode([header, {}, items, bytes(64)])):
+            with patch.object(cose.cbor2, "loads", wraps=cose.cbor2.loads) as loads:
+                assert verdicts(knowing(), data) == ["malformed"]
+            assert all(len(call.args[0]) <= cose.MAP_BYTES for call in loads.call_args_list)
 
 
 def test_a_thousand_certificates_of_rubbish_are_not_kept() -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from security_stage import DAY, SecuredSimulation, credentials, seal
@@ -22,7 +23,7 @@ from automcm.service import key_files
 from automcm.service.authority_folder import AuthorityFolder
 from automcm.service.key_files import KeyFileError
 from automcm.service.station_keys import POLL_MS, SOON_S, StationKeys
-from automcm.service.station_process import _SIGNED
+from automcm.service.station_process import _SIGNED, StationProcess
 from automcm_spec.vocabulary.messages import Cam, Fin, encode
 from automcm_spec.vocabulary.parameters import ParameterError, Parameters
 
@@ -338,3 +339,24 @@ def test_the_beginning_of_an_envelope_is_known(whole: bool, ids: tuple[int, ...]
     cam = Cam(src=1, generation_ms=0, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=())
     for plain in (encode(message), encode(cam), b"", b"\x84"):
         assert not _SIGNED.match(plain)
+
+
+@pytest.mark.parametrize("keys", [None, object()])
+def test_end_5_what_nobody_signed_is_not_decoded(keys: Any) -> None:
+    """It is reported once, by its first bytes."""
+    said: list[str] = []
+    station = StationProcess(
+        station_id=1,
+        application=Noted(),
+        link=lambda: pytest.fail("no link is needed"),
+        codec=Mock(**{"decode.side_effect": AssertionError}),
+        parameters=Parameters(),
+        report=lambda event: None,
+        keys=keys,
+        complain=said.append,
+    )
+    udp, message = Mock(), Fin(src=1, dst=2, session=(1, 1), seq=2)
+    for data in (encode(message), seal(credentials(1), message), b"\xff" * 65_000):
+        station._unread(udp, data)
+    assert ["with --keys" in line for line in said] == [True] * (2 if keys else 1)
+    assert udp.unread(b"") is None

@@ -24,6 +24,7 @@ class SecuredLink:
         own, but of another process with the same keys."""
         self.rejected: Callable[[Rejected], None] = lambda rejected: None
         self._link, self._clock = link, clock
+        verifier.since_ms = clock.now()
         self._receive: Receiver = lambda data, tx: None
 
     def open(self, receive: Receiver) -> None:

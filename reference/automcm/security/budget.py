@@ -1,4 +1,4 @@
-"""The number of signature verifications per second, shared by rank."""
+"""A number of verifications, or of other work, per second, shared by rank."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _RESERVED = (0.0, 0.25, 0.5)
 
 
 class Budget:
-    """At most ``per_second`` verifications in a second on average.
+    """At most ``per_second`` in a second on average.
 
     What is unused accumulates for up to one second.  A flood of one rank therefore leaves half of a
     second's budget to the peer and a quarter to stations nearby.
@@ -26,11 +26,11 @@ class Budget:
     def __init__(self, per_second: int = PER_SECOND) -> None:
         self._per_second = per_second
         self._left = per_second * 1000
-        """In thousandths of a verification."""
+        """In thousandths."""
         self._at_ms = 0
 
     def spend(self, rank: Rank, now_ms: int) -> bool:
-        """Whether one more verification is within the budget; if so, it counts."""
+        """Whether one more is within the budget; if so, it counts."""
         full = self._per_second * 1000
         elapsed = max(0, now_ms - self._at_ms)
         self._left = min(full, self._left + elapsed * self._per_second)

@@ -64,13 +64,13 @@ def read(data: bytes, codec: str) -> Envelope:
     if len(signed.header) != 1 or len(signer) != DIGEST_BYTES:
         raise Malformed("the header must have a certificate or a digest of 8 bytes")
     wanted: bytes | None = None
-    match cose.decode(signed.payload):
+    match cose.short_list(signed.payload):
         case [int() as generation_ms, bytes() as message]:
             pass
         case [int() as generation_ms, bytes() as message, bytes() as wanted]:
             pass
         case _:
             raise Malformed("not a generation time and a message")
-    if type(generation_ms) is not int or len(wanted or signer) != DIGEST_BYTES:
-        raise Malformed("the generation time or the wanted digest is malformed")
+    if wanted is not None and len(wanted) != DIGEST_BYTES:
+        raise Malformed("the wanted digest must have 8 bytes")
     return Envelope(signer, certificate, generation_ms, message, wanted, signed)

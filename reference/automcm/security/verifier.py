@@ -113,6 +113,8 @@ class Verifier:
         per_second: int = PER_SECOND,
     ) -> None:
         self.ranking: Ranking = lambda ids: 2
+        self.since_ms = 0
+        """What was generated before is stale: a former process may have received or sent it."""
         self._authorities = {certificates.authority_digest(key): key for key in authorities}
         self._codec = codec
         self._window = freshness_ms(parameters)
@@ -195,7 +197,7 @@ class Verifier:
         return read
 
     def _check_age(self, generation_ms: int, now_ms: int, src: int | None = None) -> None:
-        if now_ms - generation_ms > self._window:
+        if now_ms - generation_ms > self._window or generation_ms < self.since_ms:
             raise _Refused(Reason.STALE, src)
         if generation_ms - now_ms > CLOCK_MS:
             raise _Refused(Reason.EARLY, src)

@@ -11,6 +11,7 @@ from typing import Any
 from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.state import Timer
 from automcm.core.station import Effects
+from automcm.encoding.codec import FRAME_BYTES
 from automcm_spec.vocabulary.messages import to_dict
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.format.writer import LogWriter, Sink
@@ -71,7 +72,7 @@ def write(
         more["rule"] = effects.rule
     match effects.input:
         case None:
-            log.event("receive", t_ms, tx=tx, raw=base64.b64encode(raw).decode(), **more)
+            log.event("receive", t_ms, tx=tx, raw=_raw(raw), **more)
         case Received(message, planned):
             plan = planned and planned.model_dump(mode="json")
             log.event("receive", t_ms, tx=tx, message=to_dict(message), planned=plan, **more)
@@ -97,4 +98,9 @@ def write(
 
 def write_rejected(log: LogWriter, t_ms: int, reason: str, data: bytes, tx: str | None) -> None:
     """Write a datagram that a secured link discarded for ``reason``."""
-    log.event("receive", t_ms, tx=tx, raw=base64.b64encode(data).decode(), rejected=reason)
+    log.event("receive", t_ms, tx=tx, raw=_raw(data), rejected=reason)
+
+
+def _raw(data: bytes) -> str:
+    """The first bytes of what is no message: anybody may send it, so it must not fill the log."""
+    return base64.b64encode(data[:FRAME_BYTES]).decode()

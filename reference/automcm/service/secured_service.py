@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 
 from automcm.links.secured import SecuredLink
-from automcm.security.budget import Rank
+from automcm.security.budget import Budget, Rank
 from automcm.security.certificates import Credentials
 from automcm.security.verifier import Reason, Rejected
 from automcm.service.service import McService
 
 NEAR_M = 100
 """A station within this distance has priority over others."""
+LOGGED_PER_SECOND = 100
+"""How many discarded datagrams are logged in a second; all are counted."""
 
 
 def attach(service: McService, link: SecuredLink) -> None:
@@ -26,8 +28,10 @@ def attach(service: McService, link: SecuredLink) -> None:
         near = (math.hypot(h.x_mm - own.x_mm, h.y_mm - own.y_mm) <= NEAR_M * 1000 for h in last)
         return 1 if any(near) else 2
 
+    logged = Budget(LOGGED_PER_SECOND)  # a flood must not fill the log
+
     def rejected(what: Rejected) -> None:
-        if what.reason is Reason.OVER_BUDGET:  # a flood must not fill the log
+        if what.reason is Reason.OVER_BUDGET or not logged.spend(0, service.now()):
             service.statistics.rejected[what.reason] += 1
         else:
             service.rejected(what.reason, what.datagram.data, what.datagram.tx)
