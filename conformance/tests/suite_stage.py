@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from automcm_conformance.adapter import connect
+from automcm_conformance.adapter import adapter
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.exchange.results import CaseResult, Report
 from automcm_conformance.exchange.wire import PLAIN
+from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_pairs, verdicts
 from automcm_conformance.suite.tally import Part
 from automcm_spec.graph.oracle import Oracle, content
@@ -110,7 +111,8 @@ class Suite:
         )
         self.patch.setattr(graph_cases, "VALUES", (PLAIN,))  # stations here may know an id
         self.patch.setattr(two_peer_pairs, "read", lambda two: [])
-        self.patch.setattr(connect, "Process", Patient)
+        for module in (adapter, scenario_cases):
+            self.patch.setattr(module, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)
         return suite_run.conform(
             command,

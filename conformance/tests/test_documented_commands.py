@@ -64,7 +64,6 @@ EXPLORE = By(f"{HERE}explore.py::test_the_command_line")
 EXPECT = By(f"{HERE}conform_cli.py::test_what_is_expected_is_no_failure")
 HOUR = By(f"{HERE}first_hour.py::test_the_cases_of_the_page_pass")
 MISTAKE = By(f"{HERE}first_hour.py::test_the_mistake_of_the_page_is_found")
-WEBSOCKET = By(f"{HERE}websocket.py::test_the_reference_passes_over_a_websocket")
 CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
@@ -77,7 +76,6 @@ DRAWN = By(f"{HERE}simulate_command.py::test_the_lane_change_is_told_and_drawn")
 PAGE = By(f"{HERE}model_pages.py::test_a_page_shows_its_counterexample")
 MUTANTS = By("spec/tests/test_mutants.py::test_the_command_reports")
 ENCODINGS = By("spec/tests/test_bench.py::test_the_encodings_are_measured_on_the_same_model")
-WORKERS = By("spec/tests/test_distributed_tlc.py::test_two_workers_find_the_states_of_one")
 GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = Parsed("minutes; make verify compares what it would write")
 TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
@@ -89,7 +87,6 @@ SYNOPSIS = Parsed("says what may be typed")
 
 LOGS = "1001.ndjson 2002.ndjson"
 TABLE: dict[str, Way] = {
-    "automcm adapter --websocket 127.0.0.1:9100": WEBSOCKET,
     "automcm bench conform": LONG,
     "automcm bench conform --must": LONG,
     "automcm bench kernels": KERNELS,
@@ -128,11 +125,9 @@ TABLE: dict[str, Way] = {
     "automcm conform report a.json b.json --html both.html": SIDE,
     "automcm conform run -- automcm adapter": LONG,
     "automcm conform run -- mine/run": LONG,
-    "automcm conform run -- ws://192.0.2.7:9100/adapter": WEBSOCKET,
     "automcm conform run PRE-6 -- automcm adapter": Parsed("the rule is to be added before"),
     "automcm conform run --expect known.toml --out runs/suite -- mine/run": EXPECT,
     "automcm conform run AMCM/RCV -- python3 my_adapter.py": LONG,
-    "automcm conform run AMCM/RCV -- ws://127.0.0.1:9100": WEBSOCKET,
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine-cpp/run": FOREIGN,
     "automcm conform run AMCM/RCV/ADV/BV AMCM/RCV/NEG -- mine/run": HOUR,
     "automcm conform run AMCM/RCV/NEG/BI-05 -- mine/run": MISTAKE,
@@ -178,7 +173,6 @@ TABLE: dict[str, Way] = {
     "automcm spec prove --step accept": MUTANTS,
     "automcm spec pages --out runs/counterexamples": PAGE,
     "automcm spec simulate two_by_three": LONG,
-    "automcm spec worker 192.0.2.7": WORKERS,
     "automcm station --id 1 --first --bridge 9090": BRIDGE,
     "automcm station --id 1 --first --bridge 9090 --host 192.0.2.7 --allow-remote "
     "--token-file token": BRIDGE,

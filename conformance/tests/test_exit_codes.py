@@ -92,7 +92,6 @@ TABLE: dict[str, Cheap | str] = {
     "spec pages": TLC,
     "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
     "spec simulate": TLC,
-    "spec worker": TLC,
     "station": SERVES,
     "trace coverage": Cheap(["1001.ndjson"], files=("--html", JSON), slow=True),
     "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),

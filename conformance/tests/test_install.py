@@ -54,18 +54,9 @@ station = StationProcess(
 asyncio.run(station.run())
 print("decided:", follow(read("7.ndjson")).decided)
 """
-SERVE = """
-import asyncio
-from websockets.asyncio.client import connect
-from automcm.adapters.adapter_server import serve
+BRIDGE = """
 from automcm.bridge import remote_application, websocket_bridge
-async def main():
-    async with await serve("127.0.0.1:0") as server:
-        port = server.sockets[0].getsockname()[1]
-        async with connect(f"ws://127.0.0.1:{port}", proxy=None) as station:
-            await station.send('HELLO')
-            print(await station.recv())
-asyncio.run(main())
+print(websocket_bridge.WebSocketBridge)
 """
 MAP = """
 from pathlib import Path
@@ -150,7 +141,7 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
     ),
     "radio": (_python(CHANNEL, "receivers=[2]"),),
-    "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
+    "ws": (_python(BRIDGE, "WebSocketBridge"),),
 }
 
 KIT = "needs typer, rich, jinja2, junitparser: pip install 'automcm[kit]'"
@@ -173,8 +164,6 @@ WITHOUT = [
     ("kit", "simulate traffic", "SUMO is missing: pip install 'automcm[sumo]'"),
     ("kit", "simulate traffic --radio ns3", "ns-3 needs ns: pip install 'automcm[radio]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
-    ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
-    ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),
 ]
 
 

@@ -74,8 +74,6 @@ def start(arguments: list[str]) -> subprocess.Popen[bytes]:
 
 COMMANDS: dict[str, tuple[list[str], str, int]] = {
     "TLC": (["spec", "check", "one_by_three"], "tlc2.TLC", 1),
-    "TLC's server": (["spec", "check", "one_by_two", "--distributed"], "TLCServer", 1),
-    "TLC's worker": (["spec", "worker", "127.0.0.2"], "TLCWorker", 1),
     "an adapter": (
         ["conform", "run", "MUST", "--", sys.executable, "-c", HANGS.format(away=False)],
         "time.sleep(99)",

@@ -346,35 +346,11 @@ def drive(
     carry_out("drive", run)
 
 
-def adapter(
-    websocket: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST:PORT",
-            help="Serve the adapter over WebSocket, with one station for each connection.",
-        ),
-    ] = None,
-    allow_remote: Remote = False,
-) -> None:
+def adapter() -> None:
     """Run the reference as an adapter.
 
     It uses standard input and output.  The protocol is in docs/adapter.md.
     """
     from automcm.adapters.adapter_lines import main
 
-    if websocket is not None:
-        carry_out("adapter", lambda lines: _served(lines, websocket, allow_remote))
-        return
     main()
-
-
-async def _served(lines: Lines, where: str, allow_remote: bool) -> None:
-    """Serve until SIGTERM.  A line of JSON reports the address."""
-    from automcm.adapters.adapter_server import serve
-    from automcm.service.station_process import stopping
-
-    over = stopping()
-    async with await serve(where, allow_remote=allow_remote) as server:
-        host, port = server.sockets[0].getsockname()
-        lines.report({"event": "start", "uri": f"ws://{host}:{port}"})
-        await over

@@ -21,7 +21,7 @@ Limit = Annotated[
 
 
 class WithCommand(TyperCommand):
-    """A command that takes the adapter's command, or its WebSocket address, after ``--``."""
+    """A command that takes the adapter's command after ``--``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take all arguments after ``--`` as the adapter's command, including options."""
@@ -36,12 +36,10 @@ class WithCommand(TyperCommand):
 
 
 def command_of(ctx: typer.Context) -> list[str]:
-    """The command after ``--``, or the address (ws://...) as its only element."""
+    """The command after ``--``."""
     command: list[str] = ctx.meta.get(COMMAND, [])
     if not command:
-        raise typer.BadParameter(
-            "the adapter is missing: give its command, or its ws:// address, after --"
-        )
+        raise typer.BadParameter("the adapter is missing: give its command after --")
     return command
 
 

@@ -49,17 +49,6 @@ def spec_check(
     traces: Annotated[Path, typer.Option(help="Folder for counterexamples in ITF.")] = Path(
         "runs/counterexamples"
     ),
-    distributed: Annotated[
-        bool,
-        typer.Option(
-            "--distributed",
-            help="Serve the model to automcm spec worker.  Only safety properties, no trace.",
-        ),
-    ] = False,
-    host: Annotated[
-        str,
-        typer.Option(help="With --distributed: the address at which workers reach this machine."),
-    ] = "127.0.0.1",
     keep: Annotated[
         bool,
         typer.Option(
@@ -81,8 +70,6 @@ def spec_check(
     if not names and profile is None and property_ is None:
         raise typer.BadParameter("no model is selected: give a name, --profile or --property")
     asked = _chosen(names or [], profile, property_)
-    if distributed:
-        _check_distributed(asked, host, json_)
     with code_3("check", tlc.TlcError):
         tlc.tools()  # once, not for each model
     with code_3("check", OSError):
@@ -105,44 +92,6 @@ def spec_check(
     if changed and (text := spec_.not_covered(verdicts)):
         typer.echo(text, err=str(json_) == "-")
     raise typer.Exit(spec_.exit_code(verdicts))
-
-
-def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
-    from automcm_cli.spec import distributed_check as shared_
-    from automcm_spec.model_checking.tlc import TlcError
-
-    found = []
-    with code_3("check", TlcError):
-        for model in asked:
-            with progress() as notify:
-                found.append(shared_.check(model, host, notify))
-            if str(json_) != "-":
-                typer.echo(shared_.shown(found[-1]))
-    write_json(json_, [shared_.as_dict(one) for one in found])
-    raise typer.Exit(1 if any(one.problem for one in found) else 0)
-
-
-@app.command("worker", epilog=example("spec worker 192.0.2.7"))
-def spec_worker(
-    server: Annotated[
-        str, typer.Argument(metavar="HOST", help="Host that runs spec check --distributed.")
-    ],
-    threads: Annotated[int, typer.Option(min=1, help="Number of worker threads.")] = 1,
-    host: Annotated[
-        str, typer.Option(help="The address at which the server reaches this machine.")
-    ] = "127.0.0.1",
-) -> None:
-    """Work for a check on another machine until it ends.
-
-    Use it in a trusted network only.
-    """
-    from automcm_spec.model_checking import distributed_tlc as distributed
-    from automcm_spec.model_checking.tlc import TlcError
-
-    with code_3("worker", TlcError), progress() as notify:
-        notify(f"working for {server}")
-        computed = distributed.work(server, threads=threads, host=host)
-    typer.echo(f"{computed:,} states computed here")
 
 
 @app.command("simulate", epilog=example("spec simulate two_by_three"))

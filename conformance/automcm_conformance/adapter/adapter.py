@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from time import monotonic
 from typing import TypeVar
 
-from automcm_conformance.adapter.connect import Connection, connect
-from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import PROTOCOL, HelloAnswer, ProtocolError, read_hello
+from automcm_conformance.adapter.process import AdapterError, Process
+from automcm_conformance.adapter.protocol import SAY_HELLO, HelloAnswer, ProtocolError, read_hello
 
 T = TypeVar("T")
 ENOUGH_ANSWERS, SLOW_MS = 20, 20.0
@@ -35,7 +34,7 @@ class Adapter:
         """How many lines the adapter has answered."""
         self.waited_s = 0.0
         """How long the kit has waited for these answers."""
-        self._process: Connection | None = None
+        self._process: Process | None = None
         self._sent: Sequence[bytes] = ()
         self._failed: AdapterError | None = None
         self._used = False
@@ -148,10 +147,9 @@ class Adapter:
             self._process = None
 
     def _start(self) -> HelloAnswer:
-        self._process = connect(self.command, self.limit_s)
+        self._process = Process(self.command, limit_s=self.limit_s)
         try:
-            line = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
-            return read_hello(self._process.exchange([line])[0])
+            return read_hello(self._process.exchange([SAY_HELLO])[0])
         except (AdapterError, ProtocolError):
             self._process.kill()
             self._process = None

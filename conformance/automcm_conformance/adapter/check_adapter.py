@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from automcm_conformance.adapter.connect import Connection, connect
-from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.process import AdapterError, Process
 from automcm_conformance.adapter.protocol import (
     DEFAULTS,
     INDICATIONS,
@@ -108,8 +107,8 @@ class _Check:
                 self._refuses(what, line)
         return self._findings
 
-    def _process(self) -> Connection:
-        return connect(self._command, self._limit_s)
+    def _process(self) -> Process:
+        return Process(self._command, limit_s=self._limit_s)
 
     @contextmanager
     def _part(self, what: str) -> Iterator[None]:
@@ -132,13 +131,13 @@ class _Check:
         if all(known.finding != found for known in self._findings):
             self._findings.append(Checked(level, found, _shown(sent), _shown(answered)))
 
-    def _exchange(self, process: Connection, line: bytes) -> bytes:
+    def _exchange(self, process: Process, line: bytes) -> bytes:
         self._sent.append(line)
         [answered] = process.exchange([line])
         self._answered.append(answered)
         return answered
 
-    def _ask(self, process: Connection, value: Object, hint: str = "") -> Answer | None:
+    def _ask(self, process: Process, value: Object, hint: str = "") -> Answer | None:
         """Send a command and check its answer.  None if the answer is invalid."""
         line = _line(value)
         answered = self._exchange(process, line)
@@ -169,7 +168,7 @@ class _Check:
         if answer.cams and "cam" not in self._features:
             yield "warning", "the answer has 'cams', but hello does not name the feature cam"
 
-    def _hello(self, process: Connection) -> None:
+    def _hello(self, process: Process) -> None:
         line = _line(HELLO)
         answered = self._exchange(process, line)
         try:
@@ -184,7 +183,7 @@ class _Check:
             what = "the features name neither prescriber nor receiver: most cases are skipped"
             self._add("warning", what, line, answered)
 
-    def _script(self, process: Connection) -> None:
+    def _script(self, process: Process) -> None:
         """Send each command once, and keep them all for ``_repeated``."""
         self._sent, self._answered = [], []
         self._ask(process, self._reset(START))
@@ -214,17 +213,17 @@ class _Check:
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
         return {**reset, "parameters": parameters}
 
-    def _request(self, process: Connection) -> Answer | None:
+    def _request(self, process: Process) -> Answer | None:
         command = {"name": "request", "scenario": self._scenario, "details": {}}
         return self._ask(process, {"cmd": "command", "now": self._now, "command": command})
 
     def _receive(
-        self, process: Connection, message: Object, planned: Object | None = None, hint: str = ""
+        self, process: Process, message: Object, planned: Object | None = None, hint: str = ""
     ) -> Answer | None:
         value = {"cmd": "receive", "now": self._now, "message": message}
         return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
 
-    def _advance(self, process: Connection, answer: Answer | None, times: int) -> None:
+    def _advance(self, process: Process, answer: Answer | None, times: int) -> None:
         """Advance from deadline to deadline, as the suite does."""
         for _ in range(times):
             if answer is None or answer.deadline is None or answer.deadline <= self._now:
@@ -247,7 +246,7 @@ class _Check:
         if self._features:
             yield {"name": "abort", "session": _NEVER}
 
-    def _join(self, process: Connection) -> None:
+    def _join(self, process: Process) -> None:
         """Take a receiver through a session, from the Advertisement to the Fin."""
         answer = self._receive(process, _advertisement(), PLANNED)
         if answer and not _sends(answer, "Intention"):
@@ -262,7 +261,7 @@ class _Check:
         self._ask(process, {"cmd": "command", "now": self._now, "command": accept})
         self._receive(process, _addressed("Fin", 3))
 
-    def _durations(self, process: Connection) -> None:
+    def _durations(self, process: Process) -> None:
         """Timers have the durations that were set, until the next reset."""
         self._ask(process, self._reset(START))
         self._ask(process, {"cmd": "durations", "durations": DURATIONS})

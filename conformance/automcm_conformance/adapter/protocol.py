@@ -306,6 +306,9 @@ def read_answer(line: bytes) -> Answer:
     return answer
 
 
+SAY_HELLO = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
+
+
 def read_hello(line: bytes) -> HelloAnswer:
     """The answer to hello.  Raises the same errors as read_answer."""
     return _read(line, HelloAnswer)

@@ -18,9 +18,15 @@ from typing import Literal
 from pydantic import ValidationError
 from pydantic_core import to_json
 
-from automcm_conformance.adapter.connect import Connection, connect, hello
-from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import COMMAND, HelloAnswer, Object, ProtocolError
+from automcm_conformance.adapter.process import AdapterError, Process
+from automcm_conformance.adapter.protocol import (
+    COMMAND,
+    SAY_HELLO,
+    HelloAnswer,
+    Object,
+    ProtocolError,
+    read_hello,
+)
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.replay.log_compare import Difference, LogComparison, Renaming
@@ -120,8 +126,8 @@ def replay(
     run: _Run | None = None
     try:
         require_replayable(found)
-        with connect(command, limit_s) as process:
-            run = _Run(found, process, hello(process), result)
+        with Process(command, limit_s=limit_s) as process:
+            run = _Run(found, process, read_hello(process.exchange([SAY_HELLO])[0]), result)
             run.start(out, seed)
             run.play()
             if problem := process.stop():
@@ -151,7 +157,7 @@ class _Run:
     def __init__(
         self,
         found: Survey,
-        process: Connection,
+        process: Process,
         hello: HelloAnswer,
         result: Replayed,
     ) -> None:

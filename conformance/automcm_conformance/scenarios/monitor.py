@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from automcm_conformance.adapter.connect import Connection
+from automcm_conformance.adapter.process import Process
 from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.armed_timers import Clock, Running
@@ -53,7 +53,7 @@ class Monitor:
     def __init__(
         self,
         station: int,
-        process: Connection,
+        process: Process,
         path: Path,
         lines: list[Line],
         hello: HelloAnswer,

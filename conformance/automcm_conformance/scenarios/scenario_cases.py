@@ -10,10 +10,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from automcm_conformance.adapter.connect import connect
-from automcm_conformance.adapter.connect import hello as say_hello
-from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import MESSAGE_TYPES, HelloAnswer, ProtocolError
+from automcm_conformance.adapter.process import AdapterError, Process
+from automcm_conformance.adapter.protocol import (
+    MESSAGE_TYPES,
+    SAY_HELLO,
+    HelloAnswer,
+    ProtocolError,
+    read_hello,
+)
 from automcm_conformance.scenarios.scenario_runner import (
     LEASE_MS,
     Application,
@@ -210,10 +214,11 @@ def run(
     with ExitStack() as stack:
         try:
             processes = {
-                station: stack.enter_context(connect(command, limit_s)) for station in stations
+                station: stack.enter_context(Process(command, limit_s=limit_s))
+                for station in stations
             }
             for process in processes.values():
-                say_hello(process)
+                read_hello(process.exchange([SAY_HELLO])[0])
         except (AdapterError, ProtocolError) as error:
             return Outcome("ERROR", str(error), came=list(getattr(error, "stderr", ())))
         for number, play in enumerate(plays, 1):

@@ -14,8 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from automcm_conformance.adapter.connect import Connection
-from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.process import AdapterError, Process
 from automcm_conformance.adapter.protocol import DEFAULTS, HelloAnswer, Object, ProtocolError
 from automcm_conformance.exchange.results import Line, Verdict
 from automcm_conformance.exchange.wire import HOLD_MS
@@ -145,7 +144,7 @@ class PlayRun:
     def __init__(
         self,
         play: Play,
-        processes: Mapping[int, Connection],
+        processes: Mapping[int, Process],
         hello: HelloAnswer,
         folder: Path,
         seed: int,

@@ -138,28 +138,20 @@ def _indication_line(indication: Indication, rule: str) -> dict[str, Json]:
     )
 
 
-def answered(kit: Kit, line: bytes | str) -> bytes | None:
-    """The answer to a line, without a line feed; None for ``stop``."""
-    try:
-        command = from_json(line)
-        if command["cmd"] == "stop":
-            return None
-        answer = kit.answer(command)
-    except ValidationError as error:
-        answer = {"error": str(error.errors(include_url=False)[0]["msg"])}
-    except (KeyError, TypeError, ValueError) as error:
-        answer = {"error": f"{type(error).__name__}: {error}"}
-    return to_json(answer)
-
-
 def serve(lines: Iterable[bytes]) -> Iterator[bytes]:
     """The answer to each line, until ``stop``."""
     kit = Kit()
     for line in lines:
-        answer = answered(kit, line)
-        if answer is None:
-            return
-        yield answer + b"\n"
+        try:
+            command = from_json(line)
+            if command["cmd"] == "stop":
+                return
+            answer = kit.answer(command)
+        except ValidationError as error:
+            answer = {"error": str(error.errors(include_url=False)[0]["msg"])}
+        except (KeyError, TypeError, ValueError) as error:
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        yield to_json(answer) + b"\n"
 
 
 def main() -> None:
