@@ -145,13 +145,6 @@ def test_the_guide_names_what_an_exploration_holds() -> None:
     assert missing <= {"broke"} and EXPLORED in text  # which is the exit code
 
 
-def test_the_guide_names_the_options_of_the_plugin(pytestconfig: pytest.Config) -> None:
-    text = section("conformance.md", "## With pytest").split("| verdict |")[0]
-    known = {name for name in vars(pytestconfig.option) if name.startswith("automcm_")}
-    named = {name.replace("-", "_") for name in re.findall(r"`--(automcm-\w+)", text)}
-    assert named == known
-
-
 @pytest.mark.parametrize(
     ("verdicts", "code"),
     [

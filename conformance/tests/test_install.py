@@ -257,11 +257,3 @@ def test_without_its_extra_a_command_says_in_one_line_what_to_install(
     done = environment.run("automcm", *command.split(), needs=(f"automcm[{extra}]",))
     assert done.returncode == 3 and done.stdout == "", done.stdout + done.stderr
     assert done.stderr.count("\n") == 1 and line in done.stderr
-
-
-def test_pytest_says_what_to_install_if_it_is_given_an_adapter(environment: Environment) -> None:
-    pytest_ = ("python", "-m", "pytest", "-p", "no:cacheprovider")
-    done = environment.run(*pytest_, "--automcm-adapter", "x", needs=("automcm", "pytest"))
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert done.stderr.strip() == f"ERROR: --automcm-adapter {KIT}"
-    assert environment.run(*pytest_, needs=("automcm", "pytest")).returncode == 5  # no tests

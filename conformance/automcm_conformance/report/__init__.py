@@ -1,5 +1,5 @@
-"""The report of a run: JSON, JUnit, HTML, terminal, and pytest cases.
+"""The report of a run: JSON, JUnit, HTML, and terminal.
 
 Used by vendors and their CI.
-Only commands and pytest import this subpackage.
+Only commands import this subpackage.
 """

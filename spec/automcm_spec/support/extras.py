@@ -1,5 +1,5 @@
 """The extras without which a part of the software cannot be imported, such as the command
-``automcm``, the pytest plugin and secured links."""
+``automcm`` and secured links."""
 
 from __future__ import annotations
 
