@@ -7,12 +7,14 @@ import asyncio
 import contextlib
 import json
 import math
+import time
 from collections.abc import AsyncIterator, Callable
 from types import SimpleNamespace
 from typing import Any
 
 from websockets.asyncio.client import ClientConnection, connect
 
+from automcm.bridge.autoware import to_time
 from automcm.bridge.websocket_bridge import WebSocketBridge, _Client
 from automcm.links.clock import AsyncioClock
 from automcm.links.simulated_radio import Channel, Radio
@@ -33,7 +35,9 @@ class Recorder(Straight):
     """``Straight``, which records its callbacks."""
 
     def __init__(self, **more: Any) -> None:
-        super().__init__(**({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 300} | more))
+        super().__init__(
+            **({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 300, "from_now": True} | more)
+        )
         self.told: list[tuple[Any, ...]] = []
 
     def load(self, maneuver: AgreedManeuver) -> None:
@@ -93,7 +97,9 @@ class Operator:
         self.client.outbox.put = self.texts.append  # type: ignore[method-assign]
 
     def publish(self, topic: str, **msg: Any) -> None:
-        fields = {"op": "publish", "topic": f"/v2x/mcm/input/{topic}", "msg": msg}
+        self.op(op="publish", topic=f"/v2x/mcm/input/{topic}", msg=msg)
+
+    def op(self, **fields: Any) -> None:
         self.bridge._take(self.client, json.dumps(fields))
 
     def statuses(self) -> list[str]:
@@ -161,18 +167,25 @@ async def client(
                 await asyncio.gather(driving, return_exceptions=True)
 
 
+def here(at_x: float, at_y: float, **orientation: float) -> dict[str, Any]:
+    """An Odometry without a stamp, at 8.333 m/s."""
+    pose = {"position": {"x": at_x, "y": at_y}, "orientation": orientation}
+    return {
+        "pose": {"pose": pose},
+        "twist": {"twist": {"linear": {"x": 8.333, "y": 0.0}}},
+    }
+
+
 async def drive(it: Client) -> None:
-    pose = {"position": {"x": 12.5, "y": -3.25}, "orientation": {"z": math.sin(0.05), "w": 1.0}}
     while True:
-        twist = {"linear": {"x": 8.333}}
-        await it.publish("kinematics", pose={"pose": pose}, twist={"twist": twist})
+        await it.publish("kinematics", **here(12.5, -3.25, z=math.sin(0.05), w=1.0))
         await asyncio.sleep(0.05)
 
 
-def points(*where: tuple[int, float, float]) -> dict[str, Any]:
-    """An Autoware trajectory by seconds, x and y."""
+def points(*where: tuple[int, float, float], ms: int = 0) -> dict[str, Any]:
+    """An Autoware trajectory by seconds, x and y, stamped with this time."""
     return {
-        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"},
+        "header": {"stamp": to_time(ms).model_dump(), "frame_id": "map"},
         "points": [
             {"time_from_start": {"sec": s}, "pose": {"position": {"x": x, "y": y, "z": 0.0}}}
             for s, x, y in where
@@ -180,12 +193,17 @@ def points(*where: tuple[int, float, float]) -> dict[str, Any]:
     }
 
 
-STRAIGHT_ON = points((0, 0.0, 0.0), (1, 8.333, 0.0))
 SLOWER = points((0, 0.0, 0.0), (1, 5.5, 0.125))
 
 
+def now_ms() -> int:
+    """The host's time, which is the service's."""
+    return time.time_ns() // 10**6
+
+
 async def plans(it: Client) -> None:
-    await it.publish("plan", scenarios=["lane_change"], trajectory=STRAIGHT_ON)
+    way = points((0, 0.0, 0.0), (1, 8.333, 0.0), ms=now_ms())
+    await it.publish("plan", scenarios=["lane_change"], trajectory=way)
 
 
 async def holds(condition: Callable[[], bool]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from automcm_stage import prescription
+from bridge_stage import here
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -59,7 +60,41 @@ def test_kinematics_come_back_as_they_were(
 def odometry(xx: float, xy: float, yx: float, yy: float) -> dict[str, Any]:
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = xx, xy, yx, yy
-    return {"pose": {"covariance": covariance}}
+    message = here(0.0, 0.0)
+    message["pose"]["covariance"] = covariance
+    return message
+
+
+@pytest.mark.parametrize(
+    ("orientation", "heading"),
+    [
+        ((0.0, 0.0, 0.0, 1.0), 0),
+        ((0.0, 0.0, 1.0, 1.0), 1571),
+        ((0.0, 0.0, -0.4, 0.4), -1571),
+        ((0.0, 0.0, 1.9, 0.0), 3142),
+        ((0.0, 0.0, 0.0, 0.0), None),
+        ((0.0, 0.0, 0.38, 0.0), None),
+        ((0.0, 0.0, 2.0, 0.1), None),
+    ],
+)
+def test_an_orientation_is_normalised_or_refused(orientation: Any, heading: int | None) -> None:
+    message = here(0.0, 0.0, **dict(zip("xyzw", orientation, strict=True)))
+    if heading is not None:
+        assert autoware.kinematics(ros.read(ros.OdometryIn, message)).heading_mrad == heading
+        return
+    with pytest.raises(MessageError, match=r"^msg\.pose\.pose\.orientation: must have a norm"):
+        ros.read(ros.OdometryIn, message)
+
+
+@pytest.mark.parametrize("missing", ["pose", "pose.pose.position.y", "twist", "twist.twist.linear"])
+def test_a_missing_position_or_speed_is_not_zero(missing: str) -> None:
+    message = inner = here(0.0, 0.0)
+    *outer, last = missing.split(".")
+    for name in outer:
+        inner = inner[name]
+    del inner[last]
+    with pytest.raises(MessageError, match=f"^msg.{missing}: Field required"):
+        ros.read(ros.OdometryIn, message)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +133,8 @@ def test_an_impossible_covariance_is_refused(
 ) -> None:
     with pytest.raises(MessageError, match=rf"^msg\.pose\.covariance.*{problem}"):
         ros.read(ros.OdometryIn, odometry(*block))
-    short = {"pose": {"covariance": [1.0] * 7}}
+    short = here(0.0, 0.0)
+    short["pose"]["covariance"] = [1.0] * 7
     with pytest.raises(MessageError, match=r"^msg\.pose\.covariance: must have 36 numbers, not 7"):
         ros.read(ros.OdometryIn, short)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bridge_stage import BRIDGED, OTHER, Operator
+from bridge_stage import BRIDGED, OTHER, Operator, here
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -44,9 +44,22 @@ def path(*points: tuple[float, float, float], times: bool = False) -> autoware.A
     )
 
 
+def timed(*points: tuple[float, float, float], at: tuple[int, ...]) -> autoware.AutowareTrajectory:
+    """That of ``path`` with these times in seconds, stamped with 7 s."""
+    of = [
+        point.model_copy(update={"time_from_start": autoware.Time(sec=s)})
+        for point, s in zip(path(*points).points, at, strict=True)
+    ]
+    return autoware.AutowareTrajectory(
+        header=autoware.Header(stamp=autoware.Time(sec=7)), points=of
+    )
+
+
 def own(*points: tuple[float, float, float], at: tuple[float, float] = (0, 0)) -> Trajectory:
-    here = Kinematics(x_mm=round(at[0] * 1000), y_mm=round(at[1] * 1000))
-    return own_trajectory(path(*points), PLACE, here, NOW)
+    here = Kinematics(round(at[0] * 1000), round(at[1] * 1000), 0, 0)
+    way, planned_ms = own_trajectory(path(*points), PLACE, here, NOW)
+    assert planned_ms == NOW
+    return way
 
 
 def bytes_of(way: Trajectory) -> int:
@@ -105,16 +118,35 @@ def test_what_cannot_be_converted(points: Any, problem: str) -> None:
 
 
 def test_without_kinematics_nothing_is_converted() -> None:
-    with pytest.raises(MessageError, match="kinematics must be published first"):
+    with pytest.raises(
+        MessageError, match=r"points.1.time_from_start: .* kinematics must be published first"
+    ):
         own_trajectory(path((0, 0, 5), (9, 0, 5)), PLACE, None, NOW)
 
 
-def test_times_that_are_not_all_zero_must_increase() -> None:
-    way = path((0, 0, 5), (9, 0, 5), (18, 0, 5), times=True)
-    last = way.points[2].model_copy(update={"time_from_start": autoware.Time(sec=1)})
-    equal = way.model_copy(update={"points": [*way.points[:2], last]})
-    with pytest.raises(MessageError, match=r"points.2.time_from_start: must be later"):
-        own_trajectory(equal, PLACE, Kinematics(), NOW)
+@pytest.mark.parametrize(
+    ("times", "xs", "kept"),
+    [
+        ((0, 0, 0, 1, 2), (-10, -5, 0, 5, 10), (2, 3, 4)),  # behind the vehicle
+        ((0, 1, 2, 2), (0, 5, 10, 10), (0, 1, 2)),  # a stop point given twice
+        ((0, 0, 1, 1, 2), (0, 0, 5, 5, 10), (1, 2, 4)),
+        ((0, 0), (0, 0), (0,)),
+    ],
+)
+def test_repeated_points_are_left_out(times: Any, xs: Any, kept: Any) -> None:
+    way = timed(*((x, 0, 5) for x in xs), at=times)
+    expected = Trajectory(t0=7000, points=tuple((1000 * times[n], 1000 * xs[n], 0) for n in kept))
+    assert own_trajectory(way, PLACE, None, NOW) == (expected, 7000)
+    assert timed_trajectory(way, PLACE) == expected
+
+
+@pytest.mark.parametrize("times", [(0, 1, 1), (0, 2, 1), (2, 1, 0)])
+def test_kin_1_times_that_do_not_increase_are_computed(times: Any) -> None:
+    way = timed((0, 0, 5), (5, 0, 5), (15, 0, 5), at=times)
+    expected = Trajectory(t0=NOW, points=((0, 0, 0), (1000, 5000, 0), (3000, 15000, 0)))
+    assert own_trajectory(way, PLACE, Kinematics(0, 0, 0, 0), NOW) == (expected, NOW)
+    with pytest.raises(MessageError, match=r"points.\d.time_from_start: must be later"):
+        timed_trajectory(way, PLACE)
 
 
 def curve(count: int) -> list[tuple[float, float, float]]:
@@ -176,7 +208,7 @@ def test_a_plan_without_times_over_the_bridge(speed: float) -> None:
     simulation.request(OTHER, 500)
     for now in range(100, 4000, 100):
         simulation.run(now)
-        it.publish("kinematics", pose={"pose": {"position": {"x": now / 100}}})
+        it.publish("kinematics", **here(now / 100, 0.0))
         points = [(x, 0.0, speed) for x in range(-5, 100, 5)]
         it.publish("plan", scenarios=["lane_change"], trajectory=path(*points).model_dump())
     if speed < V_EPS:

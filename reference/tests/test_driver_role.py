@@ -6,7 +6,7 @@ import math
 import random
 
 import pytest
-from bridge_stage import BRIDGED, OTHER, Operator, Recorder, World, client, holds
+from bridge_stage import BRIDGED, OTHER, Operator, Recorder, World, client, here, holds
 
 from automcm.bridge.driver_role import DriverRole
 from automcm.bridge.websocket_bridge import WebSocketBridge
@@ -35,7 +35,7 @@ class Road:
             self.now += EACH
             self.simulation.run(self.now)
             for name in publishing:
-                self.clients[name].publish("kinematics", pose={})
+                self.clients[name].publish("kinematics", **here(0.0, 0.0))
             drivers.add(self.bridge._role.driver)
         return drivers
 
@@ -151,7 +151,7 @@ async def test_over_sockets_a_name_is_known_again() -> None:
 
 async def test_a_client_leaves_with_its_last_connection() -> None:
     async with World(Recorder()) as world, client(world, name="first", drives=False) as it:
-        await it.publish("kinematics", pose={})
+        await it.publish("kinematics", **here(0.0, 0.0))
         await holds(lambda: world.bridge._role.driver == "first")
         async with client(world, name="first", drives=False):
             await holds(lambda: len(world.bridge._clients) == 2)

@@ -140,7 +140,7 @@ async def test_an_exception_of_the_application_ends_the_run() -> None:
         def kinematics(self, now_ms: int) -> Kinematics:
             if now_ms > 200:
                 raise RuntimeError("no position")
-            return Kinematics()
+            return Kinematics(0, 0, 0, 0)
 
     async with World(Recorder()) as world:
         with pytest.raises(RuntimeError, match="no position"):

@@ -5,11 +5,24 @@ from __future__ import annotations
 import contextlib
 
 import pytest
-from bridge_stage import BRIDGED, OTHER, SLOWER, Recorder, World, client, committed, holds, plans
+from bridge_stage import (
+    BRIDGED,
+    OTHER,
+    SLOWER,
+    Operator,
+    Recorder,
+    World,
+    client,
+    committed,
+    here,
+    holds,
+    plans,
+    points,
+)
 
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
-from automcm.bridge.websocket_bridge import WebSocketBridge
+from automcm.bridge.websocket_bridge import MAX_IDS, WebSocketBridge
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.application import Abort
@@ -165,7 +178,9 @@ async def test_silent_driving_software_frees_the_peer(connected: bool) -> None:
         async with contextlib.AsyncExitStack() as stack:
             if connected:
                 silent = client(world, "drive", drives=False)
-                await (await stack.enter_async_context(silent)).publish("kinematics", pose={})
+                await (await stack.enter_async_context(silent)).publish(
+                    "kinematics", **here(0.0, 0.0)
+                )
             await holds(lambda: other.names() == ["load", "fallback"])
             assert other.told[-1] == ("fallback", (OTHER, 1), "abort")
             await holds(lambda: not world.bridged.state.bound)
@@ -182,6 +197,115 @@ def test_nobody_ever_drove() -> None:
     assert simulation.services[BRIDGED].state.phase == "ADVERTISING"
     simulation.run(601)
     assert simulation.services[BRIDGED].state.phase == "STANDALONE"
+
+
+# -- the age of what is kept
+
+
+class Driven:
+    """A bridged station and another one in virtual time, and the driving software, which publishes
+    a plan for its own time every 100 ms."""
+
+    def __init__(self) -> None:
+        self.simulation, self.bridge, self.now = Simulation(), WebSocketBridge(), 0
+        self.simulation.add(BRIDGED, self.bridge)
+        self.other = self.simulation.add(OTHER, Recorder(maneuver_ms=60_000))
+        self.it = Operator(self.bridge)
+        self.bridge._clients.add(self.it.client)
+
+    def run(self, until: int) -> None:
+        while self.now < until:
+            self.now += 100
+            self.simulation.run(self.now)
+            way = points((0, 0.0, 0.0), (1, 8.333, 0.0), ms=self.now)
+            self.it.publish("plan", scenarios=["lane_change"], trajectory=way)
+
+
+def test_act_2_before_the_first_position_no_cam_is_sent() -> None:
+    road = Driven()
+    road.run(2000)
+    assert BRIDGED not in road.other.neighbours
+    (status,) = road.it.statuses()
+    assert status == (
+        "/v2x/mcm/input/kinematics: none of the last 500 ms; the station sends no CAM (ACT-2)"
+    )
+
+
+def test_act_2_an_old_position_is_no_position() -> None:
+    road = Driven()
+    road.run(1000)
+    road.it.publish("kinematics", **here(100.0, 0.0))
+    road.it.texts.clear()
+    road.simulation.request(OTHER, 1000)
+    road.run(2400)
+    last = road.other.neighbours[BRIDGED]
+    assert last.x_mm == 100_000 and 1400 <= last.received_ms < 1500
+    assert len(road.it.statuses()) == 1
+    untimed = points((0, 0.0, 0.0), (0, 8.333, 0.0))
+    road.it.publish("plan", scenarios=["lane_change"], trajectory=untimed)
+    assert "kinematics must be published first" in road.it.statuses()[-1]
+    assert road.simulation.services[BRIDGED].state.bound
+    road.run(2700)
+    assert not road.simulation.services[BRIDGED].state.bound
+    assert '"reason":"no_position"' in road.bridge._drive
+    road.it.texts.clear()
+    road.it.publish("kinematics", **here(200.0, 0.0))
+    road.run(2800)
+    assert road.other.neighbours[BRIDGED].x_mm == 200_000 and road.it.statuses() == []
+
+
+@pytest.mark.parametrize(
+    ("ms", "problem"),
+    [
+        (0, "10000 ms behind"),
+        (8_999, "1001 ms behind"),
+        (9_001, ""),
+        (10_100, ""),
+        (10_101, "101 ms ahead of"),
+        (1_763_916_000_000, "1763915990000 ms ahead of"),
+    ],
+)
+def test_a_stamp_far_from_the_service_s_clock_is_refused(ms: int, problem: str) -> None:
+    """Of another time base, such as a simulation's, or as good as none."""
+    road = Driven()
+    road.run(10_000)
+    road.it.texts.clear()
+    way = points((0, 0.0, 0.0), (1, 8.333, 0.0), ms=ms)
+    road.it.publish("plan", scenarios=["merge"], trajectory=way)
+    road.it.publish("request", scenario="lane_change", planned=way)
+    if ms:  # without a stamp it is of now
+        road.it.publish("kinematics", header=way["header"], **here(0.0, 0.0))
+    places = ["trajectory.", "planned.", ""][: 3 if ms else 2]
+    if not problem:
+        (old,) = road.it.statuses() if ms < 9_600 else ["msg.header"]
+        assert old.startswith("msg.header") and "merge" in road.bridge._plans
+        return
+    assert [status[: status.index(";")] for status in road.it.statuses()] == [
+        f"msg.{place}header.stamp: {problem} the service's clock" for place in places
+    ]
+    assert "merge" not in road.bridge._plans and road.bridge._kinematics is None
+
+
+# -- subscriptions and drivers
+
+
+@pytest.mark.parametrize(("ended", "left"), [({"id": "a"}, True), ({"id": "c"}, True), ({}, False)])
+def test_an_id_ends_one_subscription(ended: dict[str, str], left: bool) -> None:
+    simulation, bridge = Simulation(), WebSocketBridge()
+    simulation.add(BRIDGED, bridge)
+    it = Operator(bridge)
+    topic = ros.State.topic
+    for id_ in "ab":
+        it.op(op="subscribe", topic=topic, id=id_)
+    it.op(op="unsubscribe", topic=topic, **ended)
+    assert (topic in it.client.topics) == left
+    it.op(op="unsubscribe", topic=topic, id="a")
+    it.op(op="unsubscribe", topic=topic, id="b")
+    assert topic not in it.client.topics and it.statuses() == []
+    for n in range(MAX_IDS + 1):
+        it.op(op="subscribe", topic=topic, id=str(n))
+    it.op(op="subscribe", topic=topic, id=7)
+    assert [status[:8] for status in it.statuses()] == ["id: more", "id: must"]
 
 
 async def test_one_connection_drives() -> None:

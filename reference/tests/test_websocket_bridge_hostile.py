@@ -23,6 +23,7 @@ from bridge_stage import (
     client,
     committed,
     holds,
+    now_ms,
     plans,
     points,
 )
@@ -31,7 +32,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
-from automcm.bridge.bounded_socket import MAX_SOCKETS
+from automcm.bridge.bounded_socket import MAX_HALF_OPEN, MAX_OF_ADDRESS
 from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
@@ -93,7 +94,7 @@ def test_without_websockets_it_says_what_to_install() -> None:
 
 # -- peers that flood, stall or send rubbish
 
-FULL_POINT = {"time_from_start": {}, "pose": {}}
+FULL_POINT = {"time_from_start": {}, "pose": {"position": {"x": 0.0, "y": 0.0}}}
 FULL_POSE = {
     "position": {"x": 1 / 3, "y": 1 / 3, "z": 1 / 3},
     "orientation": {"x": 1 / 3, "y": 1 / 3, "z": 1 / 3, "w": 1 / 3},
@@ -152,8 +153,8 @@ async def test_rubbish(sent: Any, problem: str) -> None:
         ({"time_from_start": {"sec": 2**31}}, "time_from_start.sec"),
         ({"time_from_start": {"nanosec": 10**9}}, "time_from_start.nanosec"),
         ({"time_from_start": {"sec": 1.5}}, "time_from_start.sec"),
-        ({"pose": {"position": {"x": 1.1e9}}}, "pose.position.x"),
-        ({"pose": {"position": {"y": "1"}}}, "pose.position.y"),
+        ({"pose": {"position": {"x": 1.1e9, "y": 0.0}}}, "pose.position.x"),
+        ({"pose": {"position": {"x": 0.0, "y": "1"}}}, "pose.position.y"),
         ({"longitudinal_velocity_mps": True}, "longitudinal_velocity_mps"),
         ({"front_wheel_angle_rad": 10**400}, "front_wheel_angle_rad"),
         ({"speed": 1.0}, "speed: Extra"),
@@ -188,11 +189,11 @@ async def test_times_must_grow_and_points_are_bounded() -> None:
             list(autoware.TrajectoryPoint.model_fields)[2:], 1 / 3
         )
         way = [full | {"time_from_start": {"sec": n}} for n in range(autoware.MAX_POINTS)]
-        await it.publish("plan", scenarios=["a"], trajectory={"points": way})
         await it.publish("request", scenario="a", details={"a": ["x" * 100] * 100})
         assert "msg.details" in await it.status()
         await it.publish("request", scenario="a", details={"a": 1.5})
         assert "msg.details.a" in await it.status()
+        await it.publish("plan", scenarios=["a"], trajectory=points(ms=now_ms()) | {"points": way})
         await it.subscribe("state")
         await it.until("state", driver=True, phase="STANDALONE")
 
@@ -215,22 +216,34 @@ async def test_web_pages_are_refused() -> None:
             pass
 
 
-async def test_clients_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("of_address", [MAX_OF_ADDRESS, MAX_HALF_OPEN + 1])
+async def test_half_open_connections_lock_nobody_out(
+    of_address: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither those of one address nor those of all: a new connection displaces the oldest."""
     monkeypatch.setattr("automcm.bridge.websocket_bridge.HANDSHAKE_S", 3 * PATIENCE)
+    monkeypatch.setattr("automcm.bridge.bounded_socket.MAX_OF_ADDRESS", of_address)
+    most = min(of_address, MAX_HALF_OPEN)
+    async with World(Recorder()) as world:
+        server = world.bridge._server
+        assert server is not None
+        with contextlib.ExitStack() as silent:
+            many = range(most + 20)
+            sockets = [silent.enter_context(raw(world, handshake=False)) for _ in many]
+            await holds(lambda: all(map(cut_off, sockets[:20])))
+            await holds(lambda: len(server.handler_tasks) == most)
+            async with client(world, "state", drives=False) as it:
+                await it.until("state")
+            assert not any(map(cut_off, sockets[21:]))
+        await holds(lambda: len(server.handler_tasks) == 0)
 
+
+async def test_clients_are_bounded() -> None:
     async with World(Recorder(), WebSocketBridge(port=0, max_clients=2)) as world:
         async with client(world, drives=False), client(world, "state", drives=False) as it:
             await it.until("state")
             with pytest.raises(InvalidStatus, match="503"):
                 await connect(world.uri)
-        server = world.bridge._server
-        assert server is not None
-        with contextlib.ExitStack() as silent:
-            many = range(MAX_SOCKETS + 20)
-            sockets = [silent.enter_context(raw(world, handshake=False)) for _ in many]
-            await holds(lambda: sum(map(cut_off, sockets)) >= 20)
-            await holds(lambda: len(server.handler_tasks) <= MAX_SOCKETS)
-        await holds(lambda: len(server.handler_tasks) == 0)
         async with client(world, "state", drives=False) as it:
             await it.until("state")
 

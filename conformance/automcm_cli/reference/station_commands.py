@@ -322,7 +322,7 @@ def drive(
     async def run(lines: Lines) -> None:
         over = stopping(for_ms)
         remote = RemoteApplication(
-            Straight(target=target, concerned_by_all=request_after is None),
+            Straight(target=target, concerned_by_all=request_after is None, from_now=True),
             uri,
             expect=[LANE_CHANGE],
             attempts=attempts,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -22,11 +22,15 @@ MAX_POINTS = 1000
 LIMIT = 1e9
 """The largest absolute value of a number in any unit, except for times."""
 
+NORMS = (0.5, 2.0)
+"""The least and the greatest norm of an orientation, which is normalised."""
+
 Number = Annotated[float, Field(ge=-LIMIT, le=LIMIT, allow_inf_nan=False)]
 
 
 class Ros(BaseModel):
-    """A ROS message.  A missing field gets its default; an unknown field is refused."""
+    """A ROS message.  A missing field gets its default, or is refused if it has none; so is an
+    unknown one."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
@@ -58,8 +62,8 @@ class Header(Ros):
 class Vector(Ros):
     """geometry_msgs/Point, and Vector3."""
 
-    x: Number = 0.0
-    y: Number = 0.0
+    x: Number
+    y: Number
     z: Number = 0.0
 
 
@@ -73,8 +77,9 @@ class Quaternion(Ros):
 
     @property
     def yaw(self) -> float:
-        """The heading in rad: 0 along x, counterclockwise."""
-        return math.atan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2))
+        """The heading in rad: 0 along x, counterclockwise; of a quaternion of any norm but 0."""
+        x, y, z, w = self.x, self.y, self.z, self.w
+        return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def _heading(yaw: float) -> Quaternion:
@@ -84,7 +89,7 @@ def _heading(yaw: float) -> Quaternion:
 class Pose(Ros):
     """geometry_msgs/Pose."""
 
-    position: Vector = Vector()
+    position: Vector
     orientation: Quaternion = Quaternion()
 
 
@@ -116,7 +121,17 @@ class PoseWithCovariance(_WithCovariance):
     """geometry_msgs/PoseWithCovariance.  The covariance of x and y must be positive semidefinite;
     zeros mean unknown, as in ROS."""
 
-    pose: Pose = Pose()
+    pose: Pose
+
+    @field_validator("pose")
+    @classmethod
+    def _turned(cls, pose: Pose) -> Pose:
+        of = pose.orientation
+        norm = math.hypot(of.x, of.y, of.z, of.w)
+        if not NORMS[0] <= norm <= NORMS[1]:
+            text = f"must have a norm from {NORMS[0]} to {NORMS[1]}, not {norm:.6g}"
+            raise fault("orientation", text)
+        return pose
 
     @field_validator("covariance")
     @classmethod
@@ -154,14 +169,14 @@ def _eigenvalue(sign: int, xx: float, xy: float, yy: float) -> float:
 class Twist(Ros):
     """geometry_msgs/Twist."""
 
-    linear: Vector = Vector()
-    angular: Vector = Vector()
+    linear: Vector
+    angular: Vector = Vector(x=0.0, y=0.0)
 
 
 class TwistWithCovariance(_WithCovariance):
     """geometry_msgs/TwistWithCovariance."""
 
-    twist: Twist = Twist()
+    twist: Twist
 
 
 class Odometry(Ros):
@@ -170,7 +185,7 @@ class Odometry(Ros):
     header: Header = Header()
     child_frame_id: str = Field(default="base_link", max_length=64)
     pose: PoseWithCovariance
-    twist: TwistWithCovariance = TwistWithCovariance()
+    twist: TwistWithCovariance
 
 
 NO_TRAJECTORY = AutowareTrajectory()
@@ -179,13 +194,18 @@ NO_TRAJECTORY = AutowareTrajectory()
 def trajectory(of: AutowareTrajectory, place: str = "trajectory") -> Trajectory:
     """The trajectory in integers.  Velocities and headings are ignored; the points define them.
 
-    Raises MessageError, which names ``place``, if there is no point or the times do not increase.
+    Of points at the beginning with one time, only the last counts; a point that repeats the one
+    before it, time and place, does not count.  Raises MessageError, which names ``place``, if there
+    is no point or the times of the others do not increase.
     """
     if not of.points:
         raise MessageError(short(f"{place}.points", "at least one point is required"))
     points = tuple((p.time_from_start.ms, *_mm(p.pose.position)) for p in of.points)
-    _check_times(points, place)
-    return Trajectory(t0=of.header.stamp.ms, points=points)
+    run = sum(1 for _ in takewhile(lambda p: p[0] == points[0][0], points))
+    first = run - 1 if run < len(points) else 0
+    kept = [n for n in range(first, len(points)) if n == first or points[n] != points[n - 1]]
+    _check_times(points, kept, place)
+    return Trajectory(t0=of.header.stamp.ms, points=tuple(points[n] for n in kept))
 
 
 def to_trajectory(of: Trajectory, place: str = "trajectory") -> AutowareTrajectory:
@@ -196,7 +216,7 @@ def to_trajectory(of: Trajectory, place: str = "trajectory") -> AutowareTrajecto
     """
     if len(of.points) > MAX_POINTS:
         raise MessageError(short(f"{place}.points", f"more than {MAX_POINTS}"))
-    _check_times(of.points, place)
+    _check_times(of.points, range(len(of.points)), place)
     try:
         return AutowareTrajectory(header=Header(stamp=to_time(of.t0)), points=_points(of.points))
     except ValidationError as error:
@@ -207,10 +227,10 @@ def _mm(at: Vector) -> tuple[int, int]:
     return round(at.x * 1000), round(at.y * 1000)
 
 
-def _check_times(points: Sequence[tuple[int, int, int]], place: str) -> None:
-    for n, (before, after) in enumerate(pairwise(points), 1):
-        if after[0] <= before[0]:
-            where = f"{place}.points.{n}.time_from_start"
+def _check_times(points: Sequence[tuple[int, int, int]], kept: Sequence[int], place: str) -> None:
+    for before, after in pairwise(kept):
+        if points[after][0] <= points[before][0]:
+            where = f"{place}.points.{after}.time_from_start"
             raise MessageError(short(where, "must be later than that of the previous point"))
 
 
@@ -252,7 +272,7 @@ def to_odometry(of: Kinematics, now_ms: int) -> Odometry:
         position=Vector(x=of.x_mm / 1000, y=of.y_mm / 1000),
         orientation=_heading(of.heading_mrad / 1000),
     )
-    moving = Twist(linear=Vector(x=of.speed_mm_s / 1000))
+    moving = Twist(linear=Vector(x=of.speed_mm_s / 1000, y=0.0))
     variance = ((of.sigma_mm or 0) / 1000) ** 2
     covariance = [variance if n in (0, 7) else 0.0 for n in range(36)] if variance else []
     return Odometry(

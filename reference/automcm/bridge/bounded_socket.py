@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections import deque
+from typing import Any
 
 from automcm.bridge import rosbridge as ros
 from automcm.links.link import LinkError
@@ -21,8 +22,10 @@ except ModuleNotFoundError as error:  # pragma: no cover - a test runs this in a
         raise
     raise LinkError("the WebSocket bridge needs websockets: pip install 'automcm[ws]'") from None
 
-MAX_SOCKETS = 64
-"""Maximum number of connections, including those before their WebSocket handshake."""
+MAX_HALF_OPEN = 56
+"""Maximum number of connections before the end of their WebSocket handshake."""
+MAX_OF_ADDRESS = 8
+"""Maximum number of them from one address."""
 CHUNK = 2**12
 """Bytes read from a socket at a time."""
 KERNEL = 2**16
@@ -32,17 +35,40 @@ PONGS = 2**16
 
 
 class BoundedSocket(ServerConnection):
-    """A connection whose peer can neither block the loop with one read nor fill the memory."""
+    """A connection whose peer can neither block the loop with one read nor fill the memory.
+
+    ``half_open``: the connections of the server before the end of their handshake, the oldest
+    first, with their addresses.  Whoever cannot finish it, for want of the token for example,
+    displaces the oldest connection of the own address, so that nobody else is locked out.
+    """
+
+    def __init__(self, *args: Any, half_open: dict[BoundedSocket, str], **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._half_open = half_open
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Bound the buffers; drop the connection if there are too many."""
+        """Bound the buffers; drop the oldest connection if there are too many."""
         if hasattr(transport, "max_size"):  # asyncio reads 256 KiB at a time: 40,000 pings
             transport.max_size = CHUNK
         super().connection_made(transport)
         plain: socket.socket = transport.get_extra_info("socket")
         plain.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL)
-        if len(self.server.handler_tasks) > MAX_SOCKETS:
-            self.transport.abort()
+        address = transport.get_extra_info("peername")[0]
+        self._half_open[self] = address
+        same = [each for each, of in self._half_open.items() if of == address]
+        if len(same) > MAX_OF_ADDRESS or len(self._half_open) > MAX_HALF_OPEN:
+            oldest = (same if len(same) > MAX_OF_ADDRESS else [*self._half_open])[0]
+            oldest.finished()
+            oldest.transport.abort()
+
+    def finished(self) -> None:
+        """The handshake is over."""
+        self._half_open.pop(self, None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """No longer half-open either."""
+        self.finished()
+        super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Drop the connection if it does not read the answers to its pings."""

@@ -11,20 +11,29 @@ from automcm.kernels.thin import excess, thin
 from automcm.service.application import Kinematics
 from automcm_spec.vocabulary.messages import MessageError, Trajectory, short
 
+UNTIMED = "time_from_start does not increase"
+
 
 def own_trajectory(
     of: AutowareTrajectory, place: str, at: Kinematics | None, at_ms: int
-) -> Trajectory:
-    """The vehicle's own trajectory.  If all times are 0, they are computed from the speeds (KIN-1).
+) -> tuple[Trajectory, int]:
+    """The vehicle's own trajectory, and the time from which it was planned, in ms: its stamp.  If
+    its times do not increase, they are computed from the speeds (KIN-1), and begin at ``at_ms``.
 
-    ``at``: the vehicle's last kinematics, published at ``at_ms``, or None; the computed times begin
-    there.  Raises MessageError, which names the field below ``place``.
+    ``at``: the vehicle's kinematics at ``at_ms``, or None if unknown.  Raises MessageError, which
+    names the field below ``place``.
     """
-    if len(of.points) < 2 or any(p.time_from_start.ms for p in of.points):
-        return timed_trajectory(of, place)
-    if at is None:
-        why = "every time_from_start is 0; without times, kinematics must be published first"
-        raise MessageError(short(f"{place}.points", why))
+    try:
+        given = trajectory(of, place)
+    except MessageError as error:
+        if at is None:
+            why = "without increasing times, the present kinematics must be published first"
+            raise MessageError(short(str(error), why)) from None
+        return _by_speeds(of, place, at, at_ms), at_ms
+    return _fitted(given, place), given.t0
+
+
+def _by_speeds(of: AutowareTrajectory, place: str, at: Kinematics, at_ms: int) -> Trajectory:
     here = (at.x_mm / 1000, at.y_mm / 1000)
     xy = np.array([(p.pose.position.x, p.pose.position.y) for p in of.points])
     speed = np.array([p.longitudinal_velocity_mps for p in of.points])
@@ -41,7 +50,10 @@ def timed_trajectory(of: AutowareTrajectory, place: str) -> Trajectory:
 
     Raises MessageError as ``autoware.trajectory``, or if it cannot be thinned so far.
     """
-    given = trajectory(of, place)
+    return _fitted(trajectory(of, place), place)
+
+
+def _fitted(given: Trajectory, place: str) -> Trajectory:
     full = kernel.from_message(given)
     return given if excess(full) is None else _thinned(full, place)
 
@@ -50,10 +62,10 @@ def _check_speeds(speed: kernel.Floats, first: int, place: str) -> None:
     """Raise MessageError if KIN-1 cannot compute times from point ``first`` on."""
     if len(backward := np.flatnonzero(speed < 0)):
         where = f"{place}.points.{backward[0]}.longitudinal_velocity_mps"
-        raise MessageError(short(where, "must not be negative if every time_from_start is 0"))
+        raise MessageError(short(where, f"must not be negative: {UNTIMED}"))
     moves = speed >= V_EPS
     if not moves.any():
-        why = f"every time_from_start is 0, and no longitudinal_velocity_mps is at least {V_EPS}"
+        why = f"{UNTIMED}, and no longitudinal_velocity_mps is at least {V_EPS}"
         raise MessageError(short(f"{place}.points", why))
     if len(stops := np.flatnonzero(~moves[first:-1] & moves[first + 1 :])):
         where = f"{place}.points.{first + stops[0]}.longitudinal_velocity_mps"

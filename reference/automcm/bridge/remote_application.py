@@ -146,7 +146,6 @@ class RemoteApplication:
         try:
             for topic, model in ros.OUTPUTS.items():
                 self._outbox.put(ros.operation(op="subscribe", topic=topic, type=model.type))
-            self._publish_present()
             async for data in socket:
                 self._take(data)
         except ConnectionClosed:
@@ -175,11 +174,11 @@ class RemoteApplication:
             self._outbox.put(ros.publication(message))
 
     def _publish_present(self) -> None:
-        if self._outbox is None:
+        if not self.connected.is_set():
             return
         now = self.now()
-        at = to_odometry(self._application.kinematics(now), now)
-        self._publish(ros.OdometryIn.model_construct(**dict(at)))
+        if (at := self._application.kinematics(now)) is not None:
+            self._publish(ros.OdometryIn.model_construct(**dict(to_odometry(at, now))))
         for n, sample in enumerate(self._expect, 1):
             self._plan(Advertised((1, n), sample.scenario, sample.details, sample.planned))
 
@@ -245,7 +244,9 @@ class RemoteApplication:
                     self._time, self._heard = 0, None
                 self._offset = message.header.stamp.ms - self._received_ms
                 self._lost_after_ms = message.lost_after_ms
-                self.connected.set()
+                if not self.connected.is_set():  # the first: the service's clock is known from now
+                    self.connected.set()
+                    self._publish_present()
             elif isinstance(message, ros.Surroundings):
                 self._heard = tuple(each.value() for each in message.heard)
                 self._heard_ms = self._received_ms

@@ -13,6 +13,7 @@ import asyncio
 import logging
 from collections import OrderedDict
 from collections.abc import Sequence
+from functools import partial
 from http import HTTPStatus
 from typing import Any, Self
 from urllib.parse import parse_qs, urlsplit
@@ -42,6 +43,12 @@ MAX_CLIENTS = 8
 QUEUE = 256
 """Maximum messages that wait for one client; it is disconnected beyond that."""
 QUEUE_BYTES = 2 * ros.MAX_OUT
+AHEAD_MS = 100
+"""A stamp may be this far ahead of the service's clock (APP-6)."""
+MAX_ID = 64
+"""Maximum characters of an id of an operation; a longer one is not repeated."""
+MAX_IDS = 16
+"""Maximum subscriptions of one client to one topic."""
 HANDSHAKE_S = 3
 CLOSE_S = 1
 
@@ -58,11 +65,24 @@ class _Client:
         self.client: object = name or self
         """The name, or without one the connection itself."""
         self.outbox = Outbox(connection, QUEUE, QUEUE_BYTES)
-        self.topics: set[str] = set()
+        self.topics: dict[str, set[str]] = {}
+        """For each topic the ids of the subscriptions; "" for one without an id."""
 
-    def status(self, error: MessageError, id_: Any) -> None:
+    def subscribe(self, topic: str, id_: str) -> None:
+        ids = self.topics.setdefault(topic, set())
+        if len(ids | {id_}) > MAX_IDS:
+            raise MessageError(f"id: more than {MAX_IDS} subscriptions of {topic}")
+        ids.add(id_)
+
+    def unsubscribe(self, topic: str, id_: str) -> None:
+        """End this subscription; without an id, each of the topic."""
+        ids = self.topics.pop(topic, set()) - {id_}
+        if id_ and ids:
+            self.topics[topic] = ids
+
+    def status(self, error: MessageError, id_: Any = None) -> None:
         fields: dict[str, Any] = {"op": "status", "level": "error", "msg": str(error)}
-        if isinstance(id_, str) and len(id_) <= 64:
+        if isinstance(id_, str) and len(id_) <= MAX_ID:
             fields["id"] = id_
         self.outbox.put(ros.operation(**fields))
 
@@ -105,9 +125,12 @@ class WebSocketBridge:
         self._role: DriverRole
         self._kinematics: application.Kinematics | None = None
         self._kinematics_ms = 0
-        """The time of the publication of the kinematics."""
+        """The time of the kinematics: their stamp, or if that is 0 their arrival; without any, the
+        time since which they are missed."""
+        self._missed: object | None = None
+        """The driver that knows that there are no present kinematics."""
         self._plans: OrderedDict[str, tuple[Trajectory, int]] = OrderedDict()
-        """For each scenario the planned trajectory, and the time of its publication in ms."""
+        """For each scenario the planned trajectory, and the time from which it was planned."""
         self._question: application.Choice | application.Proposal | None = None
         self._asked = ""
         """The publication of that question."""
@@ -133,6 +156,7 @@ class WebSocketBridge:
         """Listen; it must have a service.  Raises LinkError, which names host and port."""
         if not hasattr(self, "_service"):
             raise RuntimeError("the bridge has no service yet: give it to an McService first")
+        socket = partial(BoundedSocket, half_open={})
         try:
             self._server = await serve(
                 self._handle,
@@ -147,7 +171,7 @@ class WebSocketBridge:
                 close_timeout=CLOSE_S,
                 ping_interval=self._ping_ms / 1000,
                 ping_timeout=self._ping_ms / 1000,
-                create_connection=BoundedSocket,
+                create_connection=socket,  # type: ignore[arg-type]  # any factory will do
                 logger=_SILENT_LOGGER,
             )
         except OSError as error:
@@ -180,6 +204,8 @@ class WebSocketBridge:
         return None
 
     async def _handle(self, connection: ServerConnection) -> None:
+        assert isinstance(connection, BoundedSocket)
+        connection.finished()
         client = _Client(connection, _name(connection))
         self._clients.add(client)
         sending = asyncio.create_task(client.outbox.send())
@@ -230,10 +256,11 @@ class WebSocketBridge:
             case "subscribe":
                 if fields.get("compression", "none") != "none":
                     raise MessageError("compression: only none is supported")
-                client.topics.add(topic := ros.addressed(fields, ros.OUTPUTS).topic)
+                topic = ros.addressed(fields, ros.OUTPUTS).topic
+                client.subscribe(topic, _id(fields))
                 self._send_again(client, topic)
             case "unsubscribe":
-                client.topics.discard(ros.addressed(fields, ros.OUTPUTS).topic)
+                client.unsubscribe(ros.addressed(fields, ros.OUTPUTS).topic, _id(fields))
             case "advertise" | "unadvertise":
                 ros.addressed(fields, ros.INPUTS)
             case str():
@@ -243,49 +270,66 @@ class WebSocketBridge:
 
     def _published(self, client: _Client, message: ros.Input) -> None:
         now = self._service.now()
-        content = self._content(message)
+        content = self._content(message, now)
         before = self._role.driver
         if not self._role.publish(client.client, now, self._service.state.bound):
             raise MessageError("topic: another connection is the driver")
         if self._role.driver != before:
             self._plans.clear()
+            if self._position(now) is None:  # a new driver has time to say where the vehicle is
+                self._kinematics, self._kinematics_ms, self._missed = None, now, None
         match message:
             case ros.OdometryIn():
-                self._kinematics, self._kinematics_ms = autoware.kinematics(message), now
+                self._kinematics, self._kinematics_ms = content
+                self._missed = None
             case ros.Plan():
-                self._keep(message.scenarios, content, now)
+                self._keep(message.scenarios, content)
             case ros.Accept():
                 self._accept(message)
             case _:
                 self._command(content)
         self._show()
 
-    def _content(self, message: ros.Input) -> Any:
-        """The command or the trajectory in a message.  Raises MessageError."""
+    def _content(self, message: ros.Input, now: int) -> Any:
+        """The command in a message, or the kinematics or the plan and its time.  Raises
+        MessageError."""
         try:
             match message:
                 case ros.OdometryIn():
-                    return None
+                    at_ms = message.header.stamp.ms or now
+                    _check_age(now - at_ms, application.CURRENT_MS, "msg")
+                    return autoware.kinematics(message), at_ms
                 case ros.Plan():
-                    return self._own(message.trajectory, "msg.trajectory")
+                    return self._own(message.trajectory, "msg.trajectory", now)
                 case ros.Request():
-                    return message.command(self._own(message.planned, "msg.planned"))
+                    own = self._own(message.planned, "msg.planned", now)
+                    return message.command(own and own[0])
                 case ros.Accept():
                     return message.key
             return message.command()
         except ValidationError as error:
             raise refusal(error, "msg") from None
 
-    def _own(self, planned: autoware.AutowareTrajectory, place: str) -> Trajectory | None:
+    def _own(
+        self, planned: autoware.AutowareTrajectory, place: str, now: int
+    ) -> tuple[Trajectory, int] | None:
         if not planned.points:
             return None
-        return own_trajectory(planned, place, self._kinematics, self._kinematics_ms)
+        at = self._position(now)
+        way, planned_ms = own_trajectory(planned, place, at, self._kinematics_ms)
+        _check_age(now - planned_ms, self._plan_ms, place)
+        return way, planned_ms
 
-    def _keep(self, scenarios: list[str], planned: Trajectory | None, now: int) -> None:
+    def _position(self, now: int) -> application.Kinematics | None:
+        """The last kinematics, unless they are too old (ACT-2)."""
+        young = now - self._kinematics_ms < application.CURRENT_MS
+        return self._kinematics if young else None
+
+    def _keep(self, scenarios: list[str], planned: tuple[Trajectory, int] | None) -> None:
         for scenario in scenarios:
             self._plans.pop(scenario, None)
             if planned is not None:
-                self._plans[scenario] = planned, now
+                self._plans[scenario] = planned
         while len(self._plans) > ros.MAX_SCENARIOS:
             self._plans.popitem(last=False)
 
@@ -402,18 +446,38 @@ class WebSocketBridge:
         self._role = DriverRole(service.parameters.t_cam_loss, self._return_ms)
         self._alone(None, "")
 
-    def kinematics(self, now_ms: int) -> application.Kinematics:
-        """The last published kinematics.  Also checks for a silent driver, at every CAM."""
+    def kinematics(self, now_ms: int) -> application.Kinematics | None:
+        """The last published kinematics, unless they are too old.  Also checks for a silent driver,
+        at every CAM."""
         self._look("left")
+        at = self._position(now_ms)
         if self._role.silent(now_ms):
             self._role.release()
             self._forget_plans()
-            session = self._service.state.session
-            if session is not None and (self._given_up or ((0, 0), ""))[0] != session:
-                self._give_up(session, "no_driver")
+            self._end("no_driver")
+        elif at is None and self._role.driver is not None:
+            self._say_missed(self._role.driver)
+            if now_ms - self._kinematics_ms >= self._service.parameters.t_cam_loss:
+                self._end("no_position")
         self._show(always=True)
         self._show_surroundings()
-        return self._kinematics or application.Kinematics()
+        return at
+
+    def _end(self, reason: str) -> None:
+        """End the session, if there is one."""
+        session = self._service.state.session
+        if session is not None and (self._given_up or ((0, 0), ""))[0] != session:
+            self._give_up(session, reason)
+
+    def _say_missed(self, driver: object) -> None:
+        """Tell the driver once that the station sends no CAM."""
+        if driver == self._missed:
+            return
+        self._missed = driver
+        why = f"none of the last {application.CURRENT_MS} ms; the station sends no CAM (ACT-2)"
+        for client in self._clients:
+            if client.client == driver:
+                client.status(MessageError(short(ros.OdometryIn.topic, why)))
 
     def concerned(self, advertised: application.Advertised) -> Trajectory | None:
         """The driving software's last plan for this scenario, if it is still valid.
@@ -485,6 +549,22 @@ class WebSocketBridge:
 _OWN = {"complete": "completed", "proceed": "proceeded", "abort": "aborted"}
 """The reason of ``alone`` after a command of the driving software, which has no indication."""
 OWN_REASONS = frozenset(_OWN.values())
+
+
+def _check_age(age_ms: int, limit_ms: int, place: str) -> None:
+    """Raise MessageError for a stamp that is older than this, or ahead of the service's clock."""
+    if not -AHEAD_MS <= age_ms < limit_ms:
+        where = f"{abs(age_ms)} ms {'behind' if age_ms > 0 else 'ahead of'} the service's clock"
+        why = f"{where}; it must be less than {limit_ms} ms behind, at most {AHEAD_MS} ms ahead"
+        raise MessageError(short(f"{place}.header.stamp", why))
+
+
+def _id(fields: dict[str, Any]) -> str:
+    """The id of a subscription, "" without one.  Raises MessageError."""
+    id_ = fields.get("id", "")
+    if not isinstance(id_, str) or len(id_) > MAX_ID:
+        raise MessageError(f"id: must be a string of at most {MAX_ID} characters")
+    return id_
 
 
 def _name(connection: ServerConnection) -> str:

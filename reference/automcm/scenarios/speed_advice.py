@@ -24,15 +24,15 @@ from automcm_spec.vocabulary.messages import Trajectory
 SCENARIO = "speed_advice"
 
 
-def a_second_at(speed_mm_s: int) -> Trajectory:
+def a_second_at(speed_mm_s: int, now_ms: int = 0) -> Trajectory:
     """A speed as a trajectory."""
-    return Trajectory(t0=0, points=((0, 0, 0), (1000, speed_mm_s, 0)))
+    return Trajectory(t0=now_ms, points=((0, 0, 0), (1000, speed_mm_s, 0)))
 
 
 def speed_in(trajectory: Trajectory) -> int | None:
     """The speed in such a trajectory, mm/s; None for a trajectory of another form."""
     speed = trajectory.points[-1][1]
-    return speed if trajectory == a_second_at(speed) and speed >= 0 else None
+    return speed if trajectory.points == a_second_at(speed).points and speed >= 0 else None
 
 
 class SpeedAdvice(Coordinated):
@@ -54,7 +54,7 @@ class SpeedAdvice(Coordinated):
         speed = round(self.vehicle.speed * 1000)
         asked = advertised.details.get("speed_mm_s")
         fits = advertised.scenario == SCENARIO and type(asked) is int and asked < speed
-        return a_second_at(speed) if fits else None
+        return a_second_at(speed, self.service.now()) if fits else None
 
     def choose(self, choice: Choice) -> None:
         """As ``Application.choose``."""

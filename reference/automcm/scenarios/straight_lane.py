@@ -39,6 +39,8 @@ class Straight:
     refuse_first: int = 0
     """The number of proposals of a session that it refuses before it accepts one."""
     concerned_by_all: bool = True
+    from_now: bool = False
+    """Whether its plan begins now, as a bridge requires, or always at 0."""
     hold_ms: int = 2000
     lease_ms: int = 20_000
 
@@ -49,7 +51,7 @@ class Straight:
     def kinematics(self, now_ms: int) -> Kinematics:
         """As ``Application.kinematics``: at midnight (UTC) it is at 0."""
         x_mm = self.speed_mm_s * (now_ms % DAY_MS) // 1000
-        return Kinematics(x_mm=x_mm, speed_mm_s=self.speed_mm_s)
+        return Kinematics(x_mm, 0, 0, self.speed_mm_s)
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
         """A trajectory of one second at ``per_cent`` of the speed."""
@@ -57,7 +59,9 @@ class Straight:
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
         """As ``Application.concerned``."""
-        return self.trajectory() if self.concerned_by_all else None
+        t0 = self.service.now() if self.from_now else 0
+        points = self.trajectory().points
+        return Trajectory(t0=t0, points=points) if self.concerned_by_all else None
 
     def choose(self, choice: Choice) -> None:
         """As ``Application.choose``."""

@@ -27,6 +27,9 @@ from automcm_spec.vocabulary.messages import Cam, Plain, Session, Trajectory
 HEARD_MS = 30_000
 """A station is passed on to the application for this time after its last CAM (APP-1)."""
 
+CURRENT_MS = 500
+"""An older position is unknown (ACT-2)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
@@ -36,10 +39,10 @@ class Kinematics:
     position along either axis; None if unknown.
     """
 
-    x_mm: int = 0
-    y_mm: int = 0
-    heading_mrad: int = 0
-    speed_mm_s: int = 0
+    x_mm: int
+    y_mm: int
+    heading_mrad: int
+    speed_mm_s: int
     length_mm: int | None = None
     width_mm: int | None = None
     sigma_mm: int | None = None
@@ -228,8 +231,9 @@ class Application(Protocol):
     def attach(self, service: Service) -> None:
         """Called once, before anything else."""
 
-    def kinematics(self, now_ms: int) -> Kinematics:
-        """The vehicle's present position, heading and speed."""
+    def kinematics(self, now_ms: int) -> Kinematics | None:
+        """The vehicle's position, heading and speed, at most CURRENT_MS old; None if unknown: the
+        station then sends no CAM (ACT-2)."""
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
         """The planned trajectory, or None if the maneuver does not concern the vehicle (ADV-3)."""

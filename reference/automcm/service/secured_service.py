@@ -25,6 +25,8 @@ def attach(service: McService, link: SecuredLink) -> None:
             return 0
         own = service.application.kinematics(service.now())
         last = [service.neighbours[each] for each in ids if each in service.neighbours]
+        if own is None:
+            return 2
         near = (math.hypot(h.x_mm - own.x_mm, h.y_mm - own.y_mm) <= NEAR_M * 1000 for h in last)
         return 1 if any(near) else 2
 

@@ -402,6 +402,8 @@ class McService:
 
     def _send_cam(self, now: int) -> None:
         at = self.application.kinematics(now)
+        if at is None:
+            return
         cam = Cam(
             src=self.station_id,
             generation_ms=now,

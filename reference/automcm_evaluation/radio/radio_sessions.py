@@ -43,6 +43,7 @@ class OverRadio(Simulation):
         found = {}
         for station_id, service in self.services.items():
             at = service.application.kinematics(self.clock.now())
+            assert at is not None
             ahead = self._apart_m if station_id == 2 else 0.0
             found[station_id] = (at.x_mm / 1000 + ahead, at.y_mm / 1000)
         return found
