@@ -99,7 +99,7 @@ TABLE: dict[str, Way] = {
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,
     "automcm bench traffic": TRAFFIC,
-    "automcm bench traces --logs 200 --no-tlc": LONG,
+    "automcm bench traces --logs 200": LONG,
     "automcm conform certify --class timer --out runs/certificate": LONG,
     "automcm conform check-adapter -- ./my_adapter": Run(
         instead="conform check-adapter -- mine/run"
@@ -199,9 +199,6 @@ TABLE: dict[str, Way] = {
     "automcm trace itf traces/corpus/pair/2002.ndjson --out runs": Run(),
     "automcm trace itf traces/counterexamples/no_busy_refusal.itf.json --out runs": Run(),
     "automcm trace lint 1001.ndjson logs/": Run(),
-    "automcm trace lint mine.ndjson --fix --time-unit s": By(
-        f"{HERE}stranger_log.py::test_the_mended_copy_is_allowed"
-    ),
     "automcm trace replay 2002.ndjson -- automcm adapter": Run(),
     "automcm trace replay LOG [--out DIR] [--seed N] [--limit S] [--json PATH] -- CMD": SYNOPSIS,
     f"automcm trace show {LOGS} --session 1001/1": Run(),

@@ -99,7 +99,7 @@ TABLE: dict[str, Cheap | str] = {
     "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),
     "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare", "--traffic")),
     "trace itf": Cheap(["1001.ndjson"], files=(OUT, JSON)),
-    "trace lint": Cheap(["1001.ndjson", "--fix"], files=(OUT, JSON)),
+    "trace lint": Cheap(["1001.ndjson"], files=(JSON,)),
     "trace replay": Cheap(["1001.ndjson", *ADAPTER], files=(OUT, JSON)),
     "trace show": Cheap(["1001.ndjson"], files=(JSON,)),
     "trace shrink": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),

@@ -24,7 +24,6 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("words", "written"),
     [
         (f"trace explain {BAD}", "runs/explain/ack_missing-7.ndjson"),
-        (f"trace lint --fix {BAD}", f"runs/lint/{BAD}"),
         (f"trace shrink {BAD}", f"runs/shrink/{BAD}"),
         (f"trace export {BAD}", "runs/export/ack_missing.mmd"),
         (f"trace itf {BAD}", "ack_missing.itf.json"),

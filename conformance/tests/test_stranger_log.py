@@ -117,52 +117,5 @@ def test_the_text_has_the_first_five_kinds_of_error(tmp_path: Path) -> None:
         "  line 2: t_ms: must be an integer number of milliseconds, not 0.5 (and 6 times more)",
         "  line 2: rssi: unknown field: name it x_rssi, or omit it (and 3 times more)",
         "  line 2: seq: must count from 1, not from 0: add 1 to each, also in the end",
-        f"  3 more kinds of error; all: automcm trace lint {path}; with --fix: a mended copy",
+        f"  3 more kinds of error; all: automcm trace lint {path}",
     ]
-
-
-def test_the_mended_copy_is_allowed(tmp_path: Path) -> None:
-    log = written(tmp_path, STRANGER)
-    before = log.read_bytes()
-    options = ("--fix", "--time-unit", "s", "--out", tmp_path / "out")
-    answer = automcm("trace", "lint", log, *options)
-    copy = tmp_path / "out" / "stranger.ndjson"
-    assert answer.exit_code == 0 and log.read_bytes() == before, answer.output
-    lines = answer.output.splitlines()
-    assert lines[0] == f"{copy}: written from {log}; 8 kinds of change"
-    assert "  rssi renamed to x_rssi: line 2, and 3 more" in lines and lines[-1] == f"{copy}: clean"
-    assert automcm("trace", "explain", copy).exit_code == 0
-
-
-def test_what_is_left_is_said(tmp_path: Path) -> None:
-    log = written(tmp_path, STRANGER)
-    out = tmp_path / "mine.ndjson"
-    answer = automcm("trace", "lint", log, "--fix", "--out", out, "--json", "-")
-    [file] = json.loads(answer.output)["files"]
-    assert answer.exit_code == 1 and file["file"] == str(out) and file["source"] == str(log)
-    assert {finding["field"] for finding in file["findings"]} == {"t_ms"}
-    assert {"what": "tx counted", "times": 3, "line": 3} in file["changes"]
-
-
-def test_the_log_itself_is_written_over_only_if_asked(tmp_path: Path) -> None:
-    log = written(tmp_path, STRANGER)
-    before = log.read_bytes()
-    for out in (tmp_path, log):
-        answer = automcm("trace", "lint", log, "--fix", "--out", out)
-        assert answer.exit_code == 2 and log.read_bytes() == before
-    assert automcm("trace", "lint", log, "--overwrite").exit_code == 2
-    options = ("--fix", "--overwrite", "--time-unit", "s")
-    assert automcm("trace", "lint", log, *options).exit_code == 0
-    assert automcm("trace", "lint", log).exit_code == 0
-
-
-def test_logs_of_one_name_have_a_copy_each(tmp_path: Path) -> None:
-    folders = [tmp_path / "a", tmp_path / "b"]
-    for folder in folders:
-        folder.mkdir()
-        written(folder, STRANGER)
-    (tmp_path / "b" / "picture.ndjson").write_bytes(b"\x89PNG\r\n")
-    out = tmp_path / "out"
-    answer = automcm("trace", "lint", *folders, "--fix", "--time-unit", "s", "--out", out)
-    assert answer.exit_code == 3 and "PNG" in answer.output
-    assert {p.name for p in out.iterdir()} == {"stranger.ndjson", "stranger-2.ndjson"}

@@ -180,8 +180,9 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
 
 def main(number: int) -> int:
     """Have both engines judge; returns how many verdicts have no reason, or are not the same."""
+    from tlc_engine import explain_batch
+
     from automcm_traces.explain.explain import explain_file
-    from automcm_traces.explain.tlc_engine import explain_batch
     from automcm_traces.format.reader import read
 
     counts: Counter[tuple[str, str, str]] = Counter()

@@ -45,7 +45,9 @@ def added(within: Json, name: str) -> None:
     within[name] = -71
 
 
-ALWAYS = ("rec", "seq", "t_ms", "ev", "run", "station", "complete", "tx", "op", "timer", "name")
+ALWAYS = ("seq", "t_ms", "run", "station", "complete", "tx", "timer")
+TAGS = (("rec",), ("ev",), ("op",), ("timer", "name"))
+"""The fields that say which others a line has: without a right one, the others are not checked."""
 CLOSED = ("implementation", "spec", "parameters", "timer")
 """The objects of a log in which other fields than its own are refused."""
 
@@ -61,15 +63,16 @@ def faults(value: Json, within: Path_ = ()) -> Iterator[Fault]:
         where = (*within, name)
         if within[:1] == ("message",) and name in ("type", "src", "proposal", "target"):
             continue
+        if where in TAGS:
+            continue
         yield Fault(where, null)
         if isinstance(inner, int) and not isinstance(inner, bool):
             yield Fault(where, half)
-            if within[:1] not in FREE or where in (("command", "proposal"), ("command", "target")):
+            if within[:1] not in FREE:
                 yield Fault(where, text)
-        optional = (name == "tx" and value["ev"] == "receive") or where == ("timer", "station")
-        if name in ALWAYS and within in ((), ("timer",)) and not optional:
+        if name in ALWAYS and not within and (name, value.get("ev")) != ("tx", "receive"):
             yield Fault(where, removed)
-        if name in ("rec", "op", "tx") or where == ("timer", "name"):
+        if name == "tx":
             yield Fault(where, odd)
         if name == "complete" and len(inner) > 1:
             yield Fault(where, turned)
@@ -78,10 +81,7 @@ def faults(value: Json, within: Path_ = ()) -> Iterator[Fault]:
 
 
 def apart(one: Fault, other: Fault) -> bool:
-    """Whether two faults are independent. Without ``ev`` another field must tell the kind."""
-    first = {one.where[0], other.where[0]}
-    if "ev" in first and first & {"message", "tx", "op", "timer"}:
-        return False
+    """Whether two faults are independent."""
     shorter = min(len(one.where), len(other.where))
     return one.where[:shorter] != other.where[:shorter]
 

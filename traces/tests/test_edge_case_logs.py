@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tlc_engine
 from jsonschema import Draft202012Validator
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import same
 from automcm_traces.checker.engine import Engine
 from automcm_traces.edit.log_shrinking import shrink
-from automcm_traces.explain import tlc_engine
 from automcm_traces.explain.coverage import measure
 from automcm_traces.explain.explain import explain_file, explain_files, prefix, text
 from automcm_traces.explain.lint import CHECKS, report
@@ -69,7 +69,7 @@ def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     assert explain_file(right).verdict == "allowed"
     found = explain_file(path)
     assert (found.verdict, "details" in found.finding.observed) == ("diverges", True)
-    assert tlc_engine.explain_files([path])[0].finding.at.line == found.finding.at.line
+    assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
 
 def test_true_received_where_1_was_sent_is_forged(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
     assert report(path).verdict == "clean"
     found = explain_file(path)
     assert (found.verdict, found.finding.observed) == ("diverges", "expire resend: not armed")
-    assert tlc_engine.explain_files([path])[0].finding.at.line == found.finding.at.line
+    assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
 
 @pytest.fixture

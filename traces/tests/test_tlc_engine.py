@@ -1,4 +1,4 @@
-"""TLC as the second engine: what it allows, each kind of wrong log, and agreement with the oracle.
+"""TLC as the independent judge: each kind of log, right and wrong, and agreement with the oracle.
 
 All logs of a kind are judged in one run of TLC, as it is meant to be used.
 """
@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from merged_runs import records, rewritten
+from tlc_engine import explain_batch, explain_each
 from wrong_logs import PRESCRIBER, RECEIVER, WRONG, Records, change, find
 
 from automcm.links.simulated_radio import Channel
@@ -22,7 +23,6 @@ from automcm.scenarios.straight_lane import Straight
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import Verdict, explain
-from automcm_traces.explain.tlc_engine import explain_batch, explain_each, explain_files
 
 Json = Any
 
@@ -196,7 +196,7 @@ def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -
     rewritten(path, copy.deepcopy(good[RECEIVER]))
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:20] + lines[30:]))
-    (verdict,) = explain_files([path])
+    (verdict,) = explain_each([path])
     assert (verdict.verdict, verdict.finding.at.line) == ("cannot_tell", 21)
     assert verdict.finding.observed.startswith("records are missing before this line")
 

@@ -5,39 +5,38 @@ from __future__ import annotations
 import gc
 import json
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, apart, killed, simulated, without_tx
+from merged_runs import simulated
 
-from automcm_spec.vocabulary.application import Abort
-from automcm_traces.explain.explain import exit_code, explain_file
+from automcm_traces.explain.explain import (
+    exit_code,
+    explain_file,
+    explained,
+    together,
+    verdicts,
+)
 from automcm_traces.explain.watch import Report, Watch
 from automcm_traces.format.growing_file import GrowingFile, LineBuffer
-from automcm_traces.format.reader import read
-from automcm_traces.system.properties import judge
 
-CUT = 4000
 CORPUS = Path(__file__).parents[1] / "corpus"
 INDEX = json.loads((CORPUS / "index.json").read_text())
 
 
-def grown(
-    paths: Sequence[Path], seed: int = 0, shift: Mapping[Path, int] | None = None
-) -> tuple[Watch, list[Report]]:
+def grown(paths: Sequence[Path], seed: int = 0) -> tuple[Watch, list[Report]]:
     """The logs written in the order of their times, a few bytes or lines at a time."""
     chance, watch = random.Random(seed), Watch()
     buffers = {path: LineBuffer() for path in paths}
     pieces: list[tuple[int, Path, bytes]] = []
     for path in paths:
-        watch.add(str(path), buffers[path])
+        watch.add(path, buffers[path])
         t_ms = 0
         for line in path.read_bytes().splitlines(keepends=True):
             found = json.loads(line).get("t_ms") if line.endswith(b"}\n") else None
-            if isinstance(found, int):
-                t_ms = max(t_ms, found - (shift or {}).get(path, 0))
+            t_ms = max(t_ms, found) if isinstance(found, int) else t_ms
             cut = chance.randrange(len(line))
             pieces += [(t_ms, path, line[:cut]), (t_ms, path, line[cut:])]
     pieces.sort(key=lambda piece: piece[0])
@@ -62,103 +61,6 @@ def test_the_verdict_on_a_log_that_grows_is_that_of_explain(case: dict[str, Any]
     assert verdict.sessions == expected.sessions[-10:]
 
 
-def no_cancel(src: int, dst: int, m: Any, now: int) -> bool:
-    return m.type == "Cancel" and (src, dst) == (2, 1)
-
-
-def aborted(run: Run) -> None:
-    run.drop = no_cancel
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
-
-
-def restarted(run: Run) -> None:
-    run.simulation.restart(2, at=CUT)
-
-
-def short_lease(run: Run) -> None:
-    run.lease_ms = 1540
-    aborted(run)
-
-
-def cut_off(run: Run) -> None:
-    run.drop = lambda src, dst, m, now: now >= CUT and 2 in (src, dst)
-
-
-def nothing(run: Run) -> None:
-    pass
-
-
-FAULTS = [nothing, aborted, restarted, short_lease, cut_off]
-
-
-def outlined(fields: Mapping[str, Any]) -> tuple[object, ...]:
-    """What a hazard says that does not depend on how much of the logs is known."""
-    names = ("session", "prescriber", "target", "since", "until", "fault", "ended", "excused")
-    return tuple(str(fields[name]) for name in (*names, "outcome", "bound_ms"))
-
-
-def found(reports: Sequence[Report]) -> list[tuple[object, ...]]:
-    return [outlined(r.fields) for r in reports if r.what == "hazard" and not r.fields["open"]]
-
-
-@pytest.mark.sweep(4)
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
-def test_the_hazards_are_those_of_explain(
-    fault: Callable[[Run], None], seed: int, tmp_path: Path
-) -> None:
-    run = Run(tmp_path, maneuver_ms=20_000, seed=seed + 1)
-    fault(run)
-    logs = run.logs(until=28_000)
-    paths = [Path(log.file) for log in logs]
-    expected = [outlined(h.as_dict()) for h in judge(logs).hazards]
-    assert len(expected) == (fault is not nothing) or fault is cut_off
-    watch, reports = grown(paths, seed)
-    assert found(reports) == expected and watch.exit_code == 0
-    assert [v.verdict for v in watch.verdicts] == ["allowed"] * 3
-
-
-@pytest.mark.sweep(2)
-@pytest.mark.parametrize("ahead", [0, 7, 100_000])
-@pytest.mark.parametrize("named", [True, False])
-def test_neither_other_clocks_nor_unnamed_transmissions_hide_a_hazard(
-    ahead: int, named: bool, tmp_path: Path
-) -> None:
-    run = Run(tmp_path, maneuver_ms=20_000)
-    aborted(run)
-    run.logs(until=20_000)
-    paths = [tmp_path / f"{n}.ndjson" for n in (1, 2, 3)]
-    apart(read(paths[1]), paths[1], ahead)
-    logs = [read(path) if named else without_tx(path) for path in paths]
-    expected = [outlined(h.as_dict()) for h in judge(logs).hazards]
-    assert len(expected) == 1
-    assert found(grown(paths, shift={paths[1]: ahead})[1]) == expected
-
-
-def test_a_log_that_falls_silent_is_a_hazard_before_the_prescriber_notices(tmp_path: Path) -> None:
-    run = Run(tmp_path, maneuver_ms=20_000)
-    cut_off(run)
-    one, _, three = run.logs(until=20_000)
-    dead = killed(tmp_path / "2.ndjson", CUT)
-    paths = [Path(log.file) for log in (one, dead, three)]
-    _, reports = grown(paths)
-    hazards = [r.fields for r in reports if r.what == "hazard"]
-    assert [h["open"] for h in hazards] == [True, False]
-    assert found(reports) == [outlined(h.as_dict()) for h in judge([one, dead, three]).hazards]
-    assert hazards[0]["since"] == hazards[1]["since"]
-    noticed, left = (h["until_ms"] - hazards[0]["since_ms"] for h in hazards)
-    assert 900 < noticed <= 1200 < left == run.left(1) - hazards[0]["since_ms"]
-
-
-@pytest.mark.slow
-def test_a_hazard_is_withdrawn_when_the_log_only_came_late(tmp_path: Path) -> None:
-    run = Run(tmp_path, maneuver_ms=20_000)
-    paths = [Path(log.file) for log in run.logs(until=28_000)]
-    late = [r.what for r in grown(paths, shift={paths[1]: -1150})[1]]
-    assert "hazard" in late and [w for w in late if w in ("hazard", "withdrawn")][-1] == "withdrawn"
-    assert "hazard" not in [r.what for r in grown(paths, shift={paths[1]: -600})[1]]
-
-
 def several() -> Iterator[list[Path]]:
     """The runs of several logs in the corpus."""
     for folder in sorted({path.parent for path in CORPUS.rglob("*.ndjson")}):
@@ -168,14 +70,33 @@ def several() -> Iterator[list[Path]]:
 
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize("paths", list(several()), ids=lambda paths: paths[0].parent.name)
-def test_the_hazards_of_the_corpus_are_those_of_explain(paths: list[Path]) -> None:
-    logs = [read(path) for path in paths]
-    expected = judge(logs).hazards
+def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> None:
     watch, reports = grown(paths)
-    assert found(reports) == [outlined(h.as_dict()) for h in expected if not h.open]
-    assert expected or not any(r.what == "hazard" for r in reports)
-    bad = any(not h.excused or h.outcome == "exceeds" for h in expected)
-    assert (watch.exit_code == 1) == (bad or exit_code(watch.verdicts) == 1)
+    assert [r.what for r in reports].count("together") == 1 and reports[-1].what == "together"
+    found = [explained(path) for path in paths]
+    assert reports[-1].fields == together(found).as_dict()
+    assert watch.exit_code == (
+        1 if together(found).verdict == "violated" else exit_code(verdicts(found))
+    )
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_logs_that_come_in_blocks_report_nothing_that_the_rest_refutes(order: int) -> None:
+    watch, paths = Watch(), [CORPUS / f"pair/{station}.ndjson" for station in (1001, 2002)]
+    buffers = {path: LineBuffer() for path in paths[::order]}
+    for path, buffer in buffers.items():
+        watch.add(path, buffer)
+    reports: list[Report] = []
+    for first in (True, False):
+        for path, buffer in buffers.items():
+            lines = path.read_bytes().splitlines(keepends=True)
+            half = len(lines) // 2
+            buffer.put(b"".join(lines[:half] if first else lines[half:]))
+            reports += watch.advance()
+    assert watch.over
+    reports += watch.finish()
+    assert [r.what for r in reports] == ["begun", "begun", "verdict", "verdict", "together"]
+    assert watch.exit_code == 0
 
 
 def held(root: object) -> int:
@@ -197,14 +118,14 @@ NOT_HELD = ("module", "function", "builtin_function_or_method", "method", "frame
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_logs(tmp_path: Path) -> None:
-    """Sessions follow one another, so that windows, sessions and outboxes are all used."""
+    """Sessions follow one another, so that sessions and outboxes are used."""
     asks = range(500, 200_000, 8000)
     paths = simulated(tmp_path, 1, 2, until=200_000, loss=0.1, asks=asks, target=2)
     lines = [path.read_bytes().splitlines(keepends=True) for path in paths]
     assert sum(map(len, lines)) > 10_000
     watch, buffers = Watch(), [LineBuffer() for _ in paths]
     for path, buffer in zip(paths, buffers, strict=True):
-        watch.add(str(path), buffer)
+        watch.add(path, buffer)
     most: list[int] = []
     share = 100
     for n in range(share):
@@ -213,7 +134,7 @@ def test_memory_does_not_grow_with_the_logs(tmp_path: Path) -> None:
         watch.advance()
         most.append(held(watch))
     third = share // 3
-    assert max(most[2 * third :]) <= 1.1 * max(most[:third])
+    assert max(most[2 * third :]) <= 1.1 * max(most[third : 2 * third])
 
 
 def test_lines_come_whole_from_a_file_that_grows(tmp_path: Path) -> None:

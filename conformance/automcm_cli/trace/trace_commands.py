@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from automcm_cli.shared.adapter_options import WithCommand
-from automcm_cli.shared.common import Json, Late, code_3, example, write_json
+from automcm_cli.shared.common import Json, Late, example, write_json
 from automcm_cli.trace import (
     trace_edit,
     trace_export,
@@ -33,10 +33,6 @@ def explain(
     out: Annotated[
         Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
     ] = Path("runs/explain"),
-    engine: Annotated[
-        Literal["oracle", "tlc"],
-        typer.Option(help="oracle: the compiled specification; tlc: TLC on the TLA+ text."),
-    ] = "oracle",
     absolute: Annotated[
         bool, typer.Option("--absolute", help="Show times as logged, not from the start.")
     ] = False,
@@ -57,15 +53,8 @@ def explain(
 
     logs = files_of("explain", logs)
     several = len(logs) > 1
-    asked = logs if several or engine == "oracle" else []
-    found = [explain_.explained(log, late, keep=several) for log in asked]
+    found = [explain_.explained(log, late, keep=several) for log in logs]
     verdicts = explain_.verdicts(found)
-    if engine == "tlc":
-        from automcm_spec.model_checking.tlc import TlcError
-        from automcm_traces.explain import tlc_engine
-
-        with code_3("explain", TlcError):
-            verdicts = tlc_engine.explain_files(logs, late)
     system = explain_.together(found) if several else None
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):

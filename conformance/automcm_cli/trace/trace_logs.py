@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,7 +13,6 @@ from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
-    from automcm_traces.explain.lint_fix import Change, TimeUnit
     from automcm_traces.explain.log_table import FilteredRows
 
 Logs = Annotated[
@@ -60,84 +59,23 @@ def lint(
     most: Annotated[
         int, typer.Option(help="Maximum findings to print for each file (0 = all).", min=0)
     ] = 100,
-    fix: Annotated[
-        bool, typer.Option("--fix", help="Write copies with all errors mended that can be.")
-    ] = False,
-    time_unit: Annotated[
-        Literal["s", "ms", "us", "ns"] | None,
-        typer.Option(
-            help="With --fix: the unit of times in the logs; else fractions stay.",
-            show_default="ms",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option(help="With --fix: folder for the copies, or NAME.ndjson for one log.")
-    ] = Path("runs/lint"),
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="With --fix: write over the logs themselves.")
-    ] = False,
     json_: Json = None,
 ) -> None:
     """Check files against the log format.
 
-    Reports all errors of each file.  Warnings (a missing end, an event of an unknown kind) do not
-    change the exit code.  With --fix, reports what was changed and what is left in the copies.
+    Reports all errors of each file, and what to write.  Warnings (a missing end, an event of an
+    unknown kind) do not change the exit code.
     """
     from automcm_traces.explain import lint as lint_
 
-    paths = files_of("lint", logs)
-    if not fix and (time_unit is not None or overwrite):
-        raise typer.BadParameter("only with --fix", param_hint="--time-unit, --overwrite")
-    targets = _copies(paths, out, overwrite) if fix else paths
-    reports, values = [], []
-    for path, target in zip(paths, targets, strict=True):
-        changes = _fixed(path, target, time_unit) if fix else []
-        report = lint_.report(path if changes is None else target, most)
-        reports.append(report)
-        values.append(report.as_dict())
-        if fix and changes is not None:
-            values[-1] |= {"source": str(path), "changes": [c.as_dict() for c in changes]}
+    reports = []
+    for path in files_of("lint", logs):
+        reports.append(lint_.report(path, most))
         if str(json_) != "-":
-            if fix and changes is not None:
-                typer.echo(f"{target}: written from {path}; {len(changes)} kinds of change")
-            for change in changes or ():
-                typer.echo(f"  {change}")
-            typer.echo(lint_.text(report))
+            typer.echo(lint_.text(reports[-1]))
     code = lint_.exit_code(reports)
-    write_json(json_, {"exit": code, "files": values})
+    write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
     raise typer.Exit(code)
-
-
-def _copies(logs: list[Path], out: Path, overwrite: bool) -> list[Path]:
-    """The file for the copy of each log."""
-    if overwrite:
-        return logs
-    one = len(logs) == 1 and out.suffix == ".ndjson" and not out.is_dir()
-    found: list[Path] = []
-    for log in logs:
-        path, n = out if one else out / log.name, 1
-        while path in found:
-            n += 1
-            path = out / f"{log.stem}-{n}{log.suffix}"
-        if path.resolve() in {other.resolve() for other in logs}:
-            problem = f"{path} is a log to mend; --overwrite replaces it"
-            raise typer.BadParameter(problem, param_hint="--out")
-        found.append(path)
-    return found
-
-
-def _fixed(log: Path, target: Path, unit: TimeUnit | None) -> list[Change] | None:
-    """What was changed in the copy of a log; None if it is not a log."""
-    from automcm_spec.support.bad_input import BadInput
-    from automcm_traces.explain.lint_fix import fix
-
-    with code_3("lint", OSError):
-        try:
-            if log.is_file():
-                files.folder(target.parent, named=True)
-            return fix(log, target, unit)
-        except (BadInput, FileNotFoundError, IsADirectoryError):
-            return None  # lint says why
 
 
 STYLES = {

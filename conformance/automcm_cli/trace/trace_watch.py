@@ -9,6 +9,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -28,7 +29,7 @@ BATCH = 1000
 """The maximum number of datagrams taken at once."""
 MOST_SENDERS = 64
 """The maximum number of senders whose logs are not over; datagrams of others are ignored."""
-STYLES = {"hazard": "bold red", "withdrawn": "yellow", "begun": "dim", "note": "yellow"}
+STYLES = {"begun": "dim", "note": "yellow"}
 
 
 def watch(
@@ -51,20 +52,18 @@ def watch(
 ) -> None:
     """Check logs while they are written.
 
-    Reports the first violation of each log, and hazards between several logs, as soon as the logs
-    show them. A hazard is reported when it begins and when it is over. A log without an event for
-    1 s of the other logs' time counts as stopped. Memory use does not grow with the logs.
-
-    Ends when each log has ended, diverged or stopped, or on Ctrl-C or SIGTERM. It then prints the
-    verdict on each log so far. The exit code is that of explain; for several logs, only hazards
-    are checked of the system's properties.
+    Reports the first violation of each log as soon as the log shows it, in constant memory. Ends
+    when each log has ended or diverged, or on Ctrl-C or SIGTERM. It then prints the verdict on each
+    log so far, and judges several logs together, as explain does. The exit code is that of explain.
     """
+    from automcm_spec.support import scratch
     from automcm_traces.explain.watch import Report, Watch
 
     watched = Watch(late)
     with ExitStack() as stack, code_3("watch", OSError):
         put = stack.enter_context(_output(json_))
-        sources = stack.enter_context(closing(_Sources(watched)))
+        copies = stack.enter_context(scratch.folder("watch"))
+        sources = stack.enter_context(closing(_Sources(watched, copies)))
         for name in dict.fromkeys(logs):
             sources.open(name, allow_remote)
         stopped = stack.enter_context(_signals())
@@ -80,8 +79,8 @@ def watch(
 class _Sources:
     """The files and addresses from which the logs come."""
 
-    def __init__(self, watched: Watch) -> None:
-        self._watch = watched
+    def __init__(self, watched: Watch, copies: Path) -> None:
+        self._watch, self._copies, self._numbers = watched, copies, count()
         self._files: dict[GrowingFile, WatchedLog] = {}
         self._sockets: dict[socket.socket, str] = {}
         self._senders: dict[str, WatchedLog] = {}
@@ -132,16 +131,25 @@ class _Sources:
 
     def close(self) -> None:
         """Close the files and sockets."""
-        for file in self._files:
-            file.close()
+        for lines in [*self._files, *(log.lines for log in self._senders.values())]:
+            lines.close()
         for sock in self._sockets:
             sock.close()
 
     def _open(self, path: Path) -> None:
         from automcm_traces.format.growing_file import GrowingFile
 
-        file = GrowingFile(path)
-        self._files[file] = self._watch.add(str(path), file)
+        again = self._copy(str(path)) if str(path) == "-" or path.is_fifo() else None
+        file = GrowingFile(path, again)
+        self._files[file] = self._watch.add(again or path, file)
+
+    def _copy(self, given: str) -> Path:
+        """The file for a copy of what cannot be read again."""
+        from automcm_spec.support.bad_input import SpooledInput
+
+        path = SpooledInput(self._copies, f"{next(self._numbers)}.ndjson")
+        path.given = given
+        return path
 
     def _take(self, sender: str, data: bytes) -> None:
         from automcm_traces.format.growing_file import LineBuffer
@@ -153,7 +161,8 @@ class _Sources:
                 and self._senders.pop(next(over, ""), None) is None
             ):
                 return
-            self._senders[sender] = self._watch.add(sender, LineBuffer())
+            again = self._copy(sender)
+            self._senders[sender] = self._watch.add(again, LineBuffer(again))
         log = self._senders[sender]
         if log.verdict is None:
             log.lines.put(data if data.endswith(b"\n") else data + b"\n")

@@ -16,7 +16,7 @@ app.command(epilog=example("bench security --seconds 20"))(station_bench.securit
 app.command(epilog=example("bench window --sessions 200"))(station_bench.window)
 app.command(epilog=example("bench radio --seconds 20"))(station_bench.radio)
 app.command(epilog=example("bench conform --must"))(conform_bench.conform)
-app.command(epilog=example("bench traces --logs 200 --no-tlc"))(trace_bench.traces)
+app.command(epilog=example("bench traces --logs 200"))(trace_bench.traces)
 
 
 @app.command(epilog=example("bench traffic"))

@@ -1,4 +1,4 @@
-"""``automcm bench traces``: the cost of checking logs, compared with reading them and with TLC."""
+"""``automcm bench traces``: the cost of checking logs, compared with reading them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, progress, table_of, write_json
+from automcm_cli.shared.common import Json, progress, table_of, write_json
 from automcm_spec.support import scratch
 
 EVENTS = 50
@@ -21,7 +21,7 @@ EVENTS = 50
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Seconds for the same logs: CPU time, or real time for TLC, which is another process."""
+    """Seconds of CPU time for the same logs."""
 
     logs: int
     events: int
@@ -31,18 +31,15 @@ class Measured:
     """LogStream, which checks the format line by line."""
     explain_s: float
     """Reading and checking against the compiled specification."""
-    tlc_s: float | None
-    """TLC on all logs, including its start and the reading; None if not requested."""
 
     def rows(self) -> list[tuple[str, float]]:
         """Each measured task and its time in s."""
-        rows = [
+        return [
             ("json.loads alone", self.json_s),
             ("reading (the format checked)", self.read_s),
             ("explain (reading and engine)", self.explain_s),
             ("the engine alone", self.explain_s - self.read_s),
         ]
-        return rows if self.tlc_s is None else [*rows, ("TLC, one batch", self.tlc_s)]
 
     def as_dict(self) -> dict[str, Any]:
         """The report for ``--json``."""
@@ -85,10 +82,10 @@ def _logs(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def measure(number: int, tlc: bool, notify: Callable[[str], None]) -> Measured:
+def measure(number: int, notify: Callable[[str], None]) -> Measured:
     """Measure.  Raises the errors of the TLC engine if it is requested and cannot be run."""
     from automcm_traces.explain.explain import explain_file
-    from automcm_traces.format.reader import LogStream, read
+    from automcm_traces.format.reader import LogStream
 
     with scratch.folder("bench") as folder:
         notify(f"making {number} logs")
@@ -110,21 +107,9 @@ def measure(number: int, tlc: bool, notify: Callable[[str], None]) -> Measured:
                 verdict = explain_file(path)
                 assert verdict.verdict == "allowed", verdict
 
-        def batch() -> None:
-            from automcm_traces.explain.tlc_engine import explain_batch
-
-            verdicts = explain_batch([read(path) for path in paths])
-            assert all(verdict.verdict == "allowed" for verdict in verdicts)
-
         notify("reading and judging")
         json_s, read_s, explain_s = _best([parse, stream, judge])
-        tlc_s = None
-        if tlc:
-            notify("TLC")
-            start = time.perf_counter()
-            batch()
-            tlc_s = time.perf_counter() - start
-        return Measured(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s, tlc_s)
+        return Measured(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s)
 
 
 def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
@@ -142,27 +127,21 @@ def traces(
     number: Annotated[
         int, typer.Option("--logs", help=f"Number of logs, each of {EVENTS} events.", min=1)
     ] = 1000,
-    tlc: Annotated[bool, typer.Option(help="Measure TLC on the same logs, too.")] = True,
     json_: Json = None,
 ) -> None:
     """Measure the log engine's events per second.
 
-    The engine is compared with parsing and with TLC on the same logs.  There is no verdict: the
-    figures depend on the machine, the ratios less so.
+    The engine is compared with parsing the same logs.  There is no verdict: the figures depend on
+    the machine, the ratios less so.
     """
-    from automcm_spec.model_checking.tlc import TlcError
-    from automcm_spec.model_checking.toolchain import ToolError
-
-    with code_3("bench traces", TlcError, ToolError), progress() as notify:
-        measured = measure(number, tlc, notify)
+    with progress() as notify:
+        measured = measure(number, notify)
     if not write_json(json_, measured.as_dict()):
         return
     from rich.console import Console
 
     console = Console()
-    console.print(
-        f"{measured.logs} logs of {EVENTS} events, best of three rounds (CPU time; TLC: the clock)"
-    )
+    console.print(f"{measured.logs} logs of {EVENTS} events, best of three rounds (CPU time)")
     table = table_of("", "events a second", "times reading")
     for name, seconds in measured.rows():
         ratio = f"{seconds / measured.read_s:.2f}"

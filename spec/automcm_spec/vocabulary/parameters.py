@@ -96,10 +96,6 @@ DERIVED: Final[dict[str, Formula]] = {
     row.name: row.metadata["formula"] for row in fields(Parameters) if not row.init
 }
 UNITS: Final[dict[str, Unit]] = {row.name: row.metadata["unit"] for row in fields(Parameters)}
-MOST_OF: Final[dict[str, int]] = {
-    row.name: row.metadata["most"] for row in fields(Parameters) if row.init
-}
-"""The greatest value of each parameter."""
 LIMITS: Final = tuple(name for name, unit in UNITS.items() if unit == "count")
 """The parameters that the rules use: the constants of Station.tla, in its order."""
 IN_HEADER: Final = tuple(n for n in UNITS if n not in ("t_cam", "backoff_min", "backoff_max"))

@@ -181,13 +181,13 @@ _NUMBERS: Final = re.compile(r"[0-9.e+-]+")
 
 
 def errors_text(kinds: Sequence[Repeated], path: str | Path) -> list[str]:
-    """The first ``FIRST`` of these kinds of error as lines, and how to see or mend the others."""
+    """The first ``FIRST`` of these kinds of error as lines, and how to see the others."""
     if not kinds:
         return []
     lines = [str(kind) for kind in kinds[:FIRST]]
     left = f"{len(kinds) - FIRST} more kinds of error; " if len(kinds) > FIRST else ""
     lint_ = f"automcm trace lint {shlex.quote(name_of(path))}"
-    return [*lines, f"{left}all: {lint_}; with --fix: a mended copy"]
+    return [*lines, f"{left}all: {lint_}"]
 
 
 EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
@@ -300,9 +300,7 @@ class _Lint:
         for field in private_keys(value, line):
             problem = "contains a private key: remove it here, and replace the key everywhere"
             yield self._found("private_key", field, problem)
-        found: list[tuple[str, str]] = []
-        if refused:
-            found, value = line_problems(value, self._station)
+        found = line_problems(value) if refused else []
         wrong = {field for field, _ in found}
         for field, problem in found:
             if field == "seq" and type(value.get("seq")) is int:  # as well said by _place

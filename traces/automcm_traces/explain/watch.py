@@ -1,30 +1,27 @@
 """Judges logs while they are written: each event once, in constant memory.
 
-The verdict on each log is that of ``explain``. Hazards between several logs are reported as soon as
-the logs show them; the other properties of the system need the complete logs.
+The verdict on each log is that of ``explain``. Several logs are judged together once all have
+ended: what one log lacks before that may still come.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
-from automcm_spec.support.bad_input import BadInput, printable
+from automcm_spec.support.bad_input import BadInput, name_of, printable
 from automcm_traces.checker.finding import unreadable
 from automcm_traces.checker.follow import Check
 from automcm_traces.explain import explain
 from automcm_traces.explain.explain import Noted, Verdict
 from automcm_traces.format.event_text import starts
 from automcm_traces.format.growing_file import GrowingFile, LineBuffer
-from automcm_traces.format.log import Event
 from automcm_traces.format.reader import GrowingLog, LogStream
-from automcm_traces.system.hazards import Hazard
-from automcm_traces.system.live_hazards import LiveHazards, Window
+from automcm_traces.system.properties import SystemReport
 
-STEP_MS = 200
-"""Logs that are behind are read in steps of this many ms of their clocks."""
-What = Literal["begun", "note", "waiting", "hazard", "withdrawn", "verdict", "end"]
+What = Literal["begun", "note", "waiting", "verdict", "together", "end"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +45,11 @@ class WatchedLog:
         self.file, self.lines = file, lines
         self.verdict: Verdict | None = None
         """The verdict, once the log is over."""
-        self.window: Window | None = None
-        self.t_ms = 0
         self._late_ms = late_ms
         self._entries = GrowingLog(file, lines)
         self._noted: Noted | None = None
         self._log: LogStream | None = None
         self._check: Check | None = None
-        self._events: Iterator[tuple[int, Event]] = iter(())
-        self._exhausted = True
-        """Whether ``_events`` had no further event."""
 
     @property
     def first_ms(self) -> int | None:
@@ -75,35 +67,24 @@ class WatchedLog:
         except BadInput as error:
             self.verdict = Verdict(self.file, unreadable(error))
             return None
-        self.window = Window(self._log)
         self._noted = Noted(self._log, explain.SESSIONS)
-        watchers = [*self._noted.watchers, self.window]
-        self._check = Check(self._log, self._late_ms, watchers)
+        self._check = Check(self._log, self._late_ms, self._noted.watchers)
         return self._log
 
-    def read(self, until_ms: int | None) -> bool:
-        """Check the events that are there, up to the first after ``until_ms``; whether there may be
-        more. Sets the verdict when the log is over."""
+    def read(self) -> None:
+        """Check the events that are there. Sets the verdict when the log is over."""
         log, check = self._log, self._check
         if log is None or check is None or self.verdict is not None:
-            return False
-        if self._exhausted:
-            self._events, self._exhausted = iter(log), False
+            return
         try:
-            while not check.over and (until_ms is None or self.t_ms <= until_ms):
-                at, event = next(self._events)
-                self.t_ms = event.t_ms
+            for at, event in log:
                 check.feed(at, event)
-        except StopIteration:
-            self._exhausted = True
-            if log.ended or log.gap is not None:
-                self._end(check)
-            return False
+                if check.over:
+                    break
         except BadInput as error:
             check.stop(unreadable(error))
-        if check.over:
+        if check.over or log.ended or log.gap is not None:
             self._end(check)
-        return not check.over
 
     def finish(self) -> None:
         """Take what there is as the whole log; sets the verdict."""
@@ -117,8 +98,7 @@ class WatchedLog:
         self.lines.finish()
         self._entries.finish()
         self.begin()
-        while self.read(None):
-            pass
+        self.read()
         if self._check is not None and self.verdict is None:
             self._end(self._check)
 
@@ -136,91 +116,75 @@ class Watch:
         self.verdicts: list[Verdict] = []
         """The verdicts on the logs that are over."""
         self._late_ms = late_ms
-        self._hazards = LiveHazards()
-        self._problem = ""
-        self._first_ms: dict[str, int] = {}
+        self._paths: dict[Path, None] = {}
+        """Where each log can be read again."""
+        self._together: SystemReport | None = None
 
-    def add(self, file: str, lines: LineBuffer) -> WatchedLog:
-        """Watch another log."""
-        log = WatchedLog(file, lines, self._late_ms)
+    def add(self, path: Path, lines: LineBuffer) -> WatchedLog:
+        """Watch another log. Its lines come from ``lines``; ``path`` has them all at the end."""
+        log = WatchedLog(name_of(path), lines, self._late_ms)
         self.logs.append(log)
+        self._paths[path] = None
         return log
 
     @property
     def over(self) -> bool:
-        """Whether no log goes on: each has its verdict, or its station has stopped."""
-        stopped = self._hazards.silent
-        return bool(self.verdicts) and all(
-            log.window is not None and log.window.made.station in stopped for log in self.logs
-        )
+        """Whether each log has its verdict."""
+        return bool(self.verdicts) and not self.logs
 
     def advance(self) -> list[Report]:
         """Read what there is, and report what it shows."""
         reports = [*self._begun()]
-        more = list(self.logs)
-        while more:
-            until_ms = min(log.t_ms for log in more) + STEP_MS
-            more = [log for log in more if log.read(until_ms)]
-            self._first_ms |= {
-                log.file: log.first_ms for log in self.logs if log.first_ms is not None
-            }
-            reports += self._system()
-            reports += self._over()
-        return reports
+        for log in self.logs:
+            log.read()
+        return [*reports, *self._over()]
 
     def finish(self) -> list[Report]:
-        """End the logs where they are, and report their verdicts."""
+        """End the logs where they are; report their verdicts, and the one on several together."""
         reports = self.advance()
         for log in self.logs:
             log.finish()
-        return [*reports, *self._over(), *self._system()]
+        reports += self._over()
+        if len(self._paths) > 1:
+            found = [explain.explained(path, self._late_ms) for path in self._paths]
+            self._together = explain.together(found)
+            text = _printable(self._together.text(self._start_ms))
+            reports.append(Report("together", text, self._together.as_dict()))
+        return reports
 
     def end(self, log: WatchedLog) -> list[Report]:
-        """End one log where it is, and judge the others without it from now on."""
+        """End one log where it is."""
         reports = self.advance()
         log.finish()
-        reports += [*self._over(), *self._system()]
-        if log.window is not None:
-            self._hazards.remove(log.window)
-        return reports
+        return [*reports, *self._over()]
 
     @property
     def exit_code(self) -> int:
         """The exit code of ``explain`` for the verdicts so far."""
-        return 1 if self._hazards.violated else explain.exit_code(self.verdicts)
+        violated = self._together is not None and self._together.verdict == "violated"
+        return 1 if violated else explain.exit_code(self.verdicts)
 
     @property
     def _start_ms(self) -> dict[str, int]:
-        return starts(self._first_ms)
+        logs: list[Verdict | WatchedLog] = [*self.verdicts, *self.logs]
+        return starts({log.file: log.first_ms for log in logs if log.first_ms is not None})
 
     def _begun(self) -> Iterator[Report]:
         for log in self.logs:
-            if (stream := log.begin()) is None or log.window is None:
+            if (stream := log.begin()) is None:
                 continue
-            self._hazards.add(log.window)
             run, station = stream.header.run, stream.header.station
             text = printable(f"{log.file}: station {station}, run {run}")
             yield Report("begun", text, {"file": log.file, "station": station, "run": run})
 
     def _over(self) -> Iterator[Report]:
         over = [log for log in self.logs if log.verdict is not None]
+        start_ms = self._start_ms
         self.logs = [log for log in self.logs if log.verdict is None]
         for verdict in (log.verdict for log in over):
             assert verdict is not None, "selected above"
             self.verdicts.append(verdict)
-            yield Report("verdict", explain.text(verdict, self._start_ms), verdict.as_dict())
-
-    def _system(self) -> Iterator[Report]:
-        new, withdrawn = self._hazards.found()
-        for one in new:
-            yield Report("hazard", _hazard(one, self._start_ms), one.as_dict())
-        for one in withdrawn:
-            text = f"{one.since}: withdrawn: the log of station {one.target} shows no hazard"
-            yield Report("withdrawn", printable(text), one.as_dict())
-        if self._hazards.problem != self._problem:
-            self._problem = self._hazards.problem
-            text = f"together: CANNOT TELL: {self._problem}"
-            yield Report("note", printable(text), {"text": text})
+            yield Report("verdict", explain.text(verdict, start_ms), verdict.as_dict())
 
 
 def note(file: str, text: str) -> Report:
@@ -228,7 +192,5 @@ def note(file: str, text: str) -> Report:
     return Report("note", printable(f"{file}: {text}"), {"file": file, "text": text})
 
 
-def _hazard(one: Hazard, start_ms: Mapping[str, int]) -> str:
-    state = "so far" if one.open else "over"
-    text = f"{one.until}: {state}: {one.text(start_ms)}"
+def _printable(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))

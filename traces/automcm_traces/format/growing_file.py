@@ -13,9 +13,10 @@ Change = Literal["", "missing", "truncated", "replaced"]
 
 
 class LineBuffer:
-    """Complete lines from bytes that arrive in pieces."""
+    """Complete lines from bytes that arrive in pieces. ``copy``: a file that keeps them all."""
 
-    def __init__(self) -> None:
+    def __init__(self, copy: Path | None = None) -> None:
+        self._copy = None if copy is None else copy.open("wb", buffering=0)
         self._bytes = bytearray()
         self._searched = 0
         self._over = False
@@ -23,6 +24,13 @@ class LineBuffer:
     def put(self, data: bytes) -> None:
         """Add bytes at the end."""
         self._bytes += data
+        if self._copy is not None:
+            self._copy.write(data)
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._copy is not None:
+            self._copy.close()
 
     def finish(self) -> None:
         """From now on, ``readline`` also returns an incomplete last line."""
@@ -51,8 +59,8 @@ class LineBuffer:
 class GrowingFile(LineBuffer):
     """The lines of a file, which need not exist yet. ``-`` is standard input."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
+    def __init__(self, path: Path, copy: Path | None = None) -> None:
+        super().__init__(copy)
         self.path = path
         self.ended = False
         """Whether no more can come: the writer of a pipe has closed it."""
@@ -86,7 +94,8 @@ class GrowingFile(LineBuffer):
         return "truncated" if short else ""
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the files."""
+        super().close()
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None

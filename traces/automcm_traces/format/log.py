@@ -13,7 +13,6 @@ The reader checks the order of lines, ``seq`` and ``t_ms``, not this module.
 import base64
 import binascii
 import json
-from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import (
@@ -69,15 +68,9 @@ def _base64(text: str) -> str:
     return text
 
 
-def not_sorted(kinds: Sequence[EventKind]) -> Iterator[str]:
-    """What is wrong with the order of these kinds."""
-    if list(kinds) != (wanted := sorted(set(kinds))):
-        yield f"must be sorted, without duplicates: {json.dumps(wanted)}"
-
-
 def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
-    for problem in not_sorted(kinds):
-        raise fault("", problem)
+    if list(kinds) != (wanted := sorted(set(kinds))):
+        raise fault("", f"must be sorted, without duplicates: {json.dumps(wanted)}")
     return kinds
 
 
@@ -242,16 +235,6 @@ def _with_its_names(schema: dict[str, Any]) -> None:
     schema["properties"] |= {"session": pair, "proposal": number, "target": number}
 
 
-def command_problems(given: Fields) -> Iterator[tuple[str, str]]:
-    """What is wrong with the fields of a command that name what it means."""
-    session = given.get("session", [0, 0])
-    if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
-        yield "session", "must be a station id and a number, such as [1001, 1]"
-    for name in ("proposal", "target"):
-        if type(given.get(name, 0)) is not int:
-            yield name, not_an_integer(given[name], name)
-
-
 class Command(Part):
     """A command of the application; its own fields stand beside the name."""
 
@@ -262,8 +245,13 @@ class Command(Part):
 
     @model_validator(mode="after")
     def _names_what_it_means(self) -> Self:
-        for wrong in command_problems(self.model_extra or {}):
-            raise fault(*wrong)
+        given = self.model_extra or {}
+        session = given.get("session", [0, 0])
+        if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
+            raise fault("session", "must be a station id and a number, such as [1001, 1]")
+        for name in ("proposal", "target"):
+            if type(given.get(name, 0)) is not int:
+                raise fault(name, not_an_integer(given[name], name))
         return self
 
 
@@ -296,18 +284,6 @@ class EventBase(Part):
     was stopped or starved. A hint that is never trusted."""
 
 
-def receive_problems(
-    message: Fields | None, raw: object, planned: object, rejected: object = None
-) -> Iterator[tuple[str, str]]:
-    """What is wrong between these fields of a ``receive``; None: absent."""
-    if (message is None) == (raw is None):
-        yield "message", "exactly one of 'message' and 'raw' must be present"
-    if rejected is not None and raw is None:
-        yield "rejected", "allowed only with 'raw'"
-    if planned is not None and (message is None or message.get("type") != "Advertisement"):
-        yield "planned", "allowed only with an Advertisement"
-
-
 class Receive(EventBase):
     """A message was received, or bytes that are not a message."""
 
@@ -333,8 +309,13 @@ class Receive(EventBase):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for wrong in receive_problems(self.message, self.raw, self.planned, self.rejected):
-            raise fault(*wrong)
+        if (self.message is None) == (self.raw is None):
+            raise fault("message", "exactly one of 'message' and 'raw' must be present")
+        if self.rejected is not None and self.raw is None:
+            raise fault("rejected", "allowed only with 'raw'")
+        type_ = None if self.message is None else self.message["type"]
+        if self.planned is not None and type_ != "Advertisement":
+            raise fault("planned", "allowed only with an Advertisement")
         return self
 
 

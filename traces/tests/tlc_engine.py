@@ -1,4 +1,4 @@
-"""The second engine: TLC checks logs on ``TraceCheck.tla``, thousands in one run.
+"""The independent judge: TLC checks logs on ``TraceCheck.tla``, thousands in one run.
 
 It shares only the reader with ``engine.py``. Station.tla itself decides, with its limits (MEM-1)
 and the real stations, not a graph of one or two peers.
@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tlc_module import TooLarge, Translation, limits, module
+
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.bad_input import BadInput, name_of
@@ -22,8 +24,7 @@ from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import timer_name
-from automcm_traces.explain.explain import Verdict, with_forged
-from automcm_traces.explain.tlc_module import TooLarge, Translation, limits, module
+from automcm_traces.explain.explain import Verdict
 from automcm_traces.format.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -76,20 +77,8 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
     return [verdicts[n] for n in range(len(logs))]
 
 
-def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
-    """As ``automcm_traces.explain.explain.explain_files``, with TLC instead of the compiled
-    station."""
-    verdicts, logs = _each(paths, late_ms)
-    return with_forged(verdicts, logs if len(paths) > 1 else [])
-
-
 def explain_each(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file on its own. The files need not be of one run and are not compared."""
-    return _each(paths, late_ms)[0]
-
-
-def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], list[Log]]:
-    """The verdicts, and the readable logs."""
     found: dict[Path, Verdict] = {}
     logs: dict[Path, Log] = {}
     for path in paths:
@@ -105,7 +94,7 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
         found[path] = replace(
             found[path], warnings=tuple(logs[path].warnings), header=verdict.header
         )
-    return [found[path] for path in paths], list(logs.values())
+    return [found[path] for path in paths]
 
 
 def _readable_part(stream: LogStream) -> tuple[Log, Verdict | None]:
