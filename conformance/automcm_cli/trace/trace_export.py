@@ -136,7 +136,6 @@ def _logs_of(counterexample: Path) -> dict[str, bytes]:
 
 
 def _itf_of(*paths: Path) -> dict[str, bytes]:
-    from automcm_traces.checker.track import CannotTell
     from automcm_traces.export.arrow_rows import arrow_rows
     from automcm_traces.export.itf_log import from_log
     from automcm_traces.format.reader import read
@@ -145,10 +144,4 @@ def _itf_of(*paths: Path) -> dict[str, bytes]:
     arrows: dict[Path, list[tuple[int, Arrow]]] = {path: [] for path in paths}
     for path, row in arrow_rows(paths):
         arrows[path] += [(row.line, arrow) for arrow in row.arrows]
-    found = {}
-    for path, log in logs.items():
-        try:
-            found[f"{path.stem}.itf.json"] = from_log(log, arrows[path]).encode()
-        except CannotTell as error:
-            raise CannotTell(f"{path}: {error}") from None
-    return found
+    return {f"{p.stem}.itf.json": from_log(log, arrows[p]).encode() for p, log in logs.items()}

@@ -86,7 +86,8 @@ def follow(
     """Check a log. Of a LogStream, only the last events are kept in memory.
 
     ``late_ms`` is as for ``Engine``. ``events`` replaces the events of the log. With ``one``, a
-    single state is tracked even if the log does not promise all of ``NEEDED``.
+    single state is tracked even if the log does not promise all of ``NEEDED``; where it does not
+    allow an event, the check ends without a verdict.
     """
     check = Check(log, late_ms, watchers, one=one)
     events = iter(log if events is None else events)
@@ -115,7 +116,7 @@ class Check:
         *,
         one: bool = False,
     ) -> None:
-        self._log, self._watchers = log, watchers
+        self._log, self._watchers, self._one = log, watchers, one
         self._start = LogStart(log.header, late_ms)
         header = log.header
         missing = tuple(kind for kind in NEEDED if kind not in header.complete)
@@ -209,12 +210,14 @@ class Check:
         if isinstance(error, CannotTell):
             ending.finding = cannot_tell(self._log.file, ending.line or 1, str(error))
             return
+        at = error.finding.at._replace(file=self._log.file)
+        observed = error.finding.observed + _late(*ending.recent[-1])
+        if self._one and ending.unpromised:  # unlogged events may have led there
+            lacks = f"the log does not promise {', '.join(ending.unpromised)}"
+            ending.finding = cannot_tell(at.file, at.line, f"{observed}; {lacks}")
+            return
         ending.diverges, ending.decided = error, True
-        ending.finding = replace(
-            error.finding,
-            at=error.finding.at._replace(file=self._log.file),
-            observed=error.finding.observed + _late(*ending.recent[-1]),
-        )
+        ending.finding = replace(error.finding, at=at, observed=observed)
 
 
 def _late(line: int, event: Event) -> str:

@@ -20,7 +20,7 @@ from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.reachable_steps import steps
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
-from automcm_traces.checker.finding import Finding, cannot_tell, unreadable
+from automcm_traces.checker.finding import Finding, unreadable
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.track import INITIAL, Step, Track
 from automcm_traces.format.log import Event, Receive, Send
@@ -95,12 +95,8 @@ class Coverage:
             self._problem(unreadable(error), 0)
             return
         ending = follow(stream, late_ms, [_Counter(self)], one=True)
-        found = ending.finding
-        if ending.unpromised and ending.diverges:  # unlogged events may have led there
-            text = f"{found.observed}; the log does not promise {', '.join(ending.unpromised)}"
-            found = cannot_tell(stream.file, found.at.line, text)
-        if found.kind != "nothing":
-            self._problem(found, ending.line)
+        if ending.finding.kind != "nothing":
+            self._problem(ending.finding, ending.line)
 
     def _problem(self, found: Finding, last: int) -> None:
         what: Problem = "diverges"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.model_checking import models, tlc_simulation
+from automcm_spec.support.bad_input import at_line
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
@@ -196,7 +197,8 @@ def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:
     watcher = _Steps(log)
     ending = follow(log, watchers=[watcher], one=True)
     if not ending.decided:
-        raise CannotTell(ending.finding.observed)
+        found = ending.finding
+        raise CannotTell(f"{at_line(log.file, found.at.line)}: {found.observed}")
     divergence = ""
     if ending.diverges is not None:
         found = ending.diverges.finding
