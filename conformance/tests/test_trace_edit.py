@@ -8,21 +8,18 @@ from pathlib import Path
 import pytest
 from cli_stage import automcm
 
-from automcm_traces.checker.track import CannotTell
-from automcm_traces.export import itf_log
-
 CORPUS = Path(__file__).parents[2] / "traces/corpus"
 LEASE = str(CORPUS / "bad/lease_longer.ndjson")
 PAIR = [str(CORPUS / "pair/1001.ndjson"), str(CORPUS / "pair/2002.ndjson")]
 
 
 def test_a_shrunk_log_diverges_as_the_long_one(tmp_path: Path) -> None:
-    answer = automcm("trace", "shrink", LEASE, "--out", tmp_path)
+    answer = automcm("trace", "shrink", LEASE, "--late", "60", "--out", tmp_path)
     assert answer.exit_code == 0, answer.output
     assert "15 of 83 events are left" in answer.output
     assert "\x1b" not in answer.output
     small = tmp_path / "lease_longer.ndjson"
-    assert answer.output.splitlines()[-1] == f"automcm trace explain {small}"
+    assert answer.output.splitlines()[-1] == f"automcm trace explain --late 60 {small}"
     told = automcm("trace", "explain", small, "--json", "-", "--out", tmp_path)
     assert told.exit_code == 1
     verdict = json.loads(told.output)
@@ -142,16 +139,3 @@ def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:
     answer = automcm("trace", "export", CORPUS / "bad/empty.ndjson", *options)
     assert answer.exit_code == 3
     assert "empty.ndjson" in answer.output
-
-
-@pytest.mark.parametrize("command", [["itf"], ["export", "--to", "itf"]])
-def test_what_cannot_be_told_is_4_and_the_log_is_named(
-    command: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def untold(*_: object) -> str:
-        raise CannotTell("why")
-
-    monkeypatch.setattr(itf_log, "from_log", untold)
-    answer = automcm("trace", *command, PAIR[0], "--out", tmp_path)
-    assert answer.exit_code == 4
-    assert answer.output == f"{command[0]}: CANNOT TELL: {PAIR[0]}: why\n"

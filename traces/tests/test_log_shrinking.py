@@ -234,6 +234,19 @@ def test_a_forged_message_is_shrunk_with_the_log_of_its_sender() -> None:
     assert tx in [getattr(item.event, "tx", "") for item in found.logs[1].items]
 
 
+def test_what_is_wrong_only_beside_another_log_keeps_one(tmp_path: Path) -> None:
+    """A message received under an id that its own station never sent: explain compares two logs."""
+    log = Edited((CORPUS / "pair/2002.ndjson").read_bytes())
+    log.at(log.find("receive"))["tx"] = "2002:99999"
+    path = tmp_path / "2002.ndjson"
+    path.write_bytes(log.text())
+    found = shrink([path, CORPUS / "pair/1001.ndjson"], tries=200)
+    assert found.finding.kind == "forged" and len(found.logs) == 2
+    (small := tmp_path / "small").mkdir()
+    after = explain_files(written(found, small))
+    assert [v.finding.kind for v in after] == ["forged", "nothing"]
+
+
 def test_a_log_that_is_wrong_by_itself_needs_no_other() -> None:
     found = shrink([CORPUS / "pair/1001.ndjson", CORPUS / "bad/hold_not_armed.ndjson"])
     assert [Path(log.file).name for log in found.logs] == ["hold_not_armed.ndjson"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -59,7 +60,8 @@ def shrink(
         first = {row.station: row.event.t_ms for row in reversed(rows) if row.event is not None}
         for line in columns(rows, stations, start_ms=starts(first)):
             typer.echo(f"  {line}".rstrip())
-    typer.echo(f"automcm trace explain {' '.join(str(path) for path in written)}")
+    with_late = [] if late is None else ["--late", str(late)]
+    typer.echo(shlex.join(["automcm", "trace", "explain", *with_late, *map(str, written)]))
 
 
 def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:

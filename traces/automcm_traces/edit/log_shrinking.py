@@ -303,8 +303,9 @@ class Search:
             again = any(self._without({id(item) for item in items}) for items in reversed(found))
 
     def _logs(self) -> None:
+        """Leave out whole logs; two stay, because explain does not judge one log as a run."""
         for log in self.best:
-            if len(self.best) > 1:
+            if len(self.best) > 2:
                 self._try(tuple(other for other in self.best if other is not log))
 
     def _fewer(self, n: int, parts_of: Callable[[LogSlice], list[list[Item]]]) -> None:
