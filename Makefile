@@ -10,6 +10,9 @@ ifneq ($(filter C POSIX,$(LC_ALL)),)
 unexport LC_ALL
 endif
 
+# Without them each process compiles our modules again, and pytest its assertions.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: verify test test-slow test-whole test-all test-deep test-faults test-foreign test-explore test-traces generate \
   pages evaluation docs fuzz clean ready
 .DELETE_ON_ERROR:

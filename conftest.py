@@ -10,7 +10,7 @@ import hypothesis
 import pytest
 
 hypothesis.settings.register_profile(
-    "quick", hypothesis.settings.get_profile("ci"), max_examples=40
+    "quick", hypothesis.settings.get_profile("ci"), max_examples=25
 )
 COROUTINE_S = 60
 """A test that is a coroutine fails after that time."""

@@ -104,6 +104,7 @@ def test_the_protocol_lists_all_that_is_told_and_by_which_rule(told: set[tuple[s
     assert sorted(listed) == sorted(told)
 
 
+@pytest.mark.slow
 def test_the_adapter_page_names_the_same_rules(told: set[tuple[str, str]]) -> None:
     text = section("adapter.md", "### Indications")
     listed = {

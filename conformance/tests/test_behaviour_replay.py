@@ -32,6 +32,7 @@ def fresh() -> Reference:
     return Reference(tlc_simulation.CONSTANTS)
 
 
+@pytest.mark.slow
 def test_behaviours_of_four_stations_agree(behaviours: list[Behaviour]) -> None:
     assert len(behaviours) == 12 and all(len(b) > 10 for b in behaviours)
     assert len({who for b in behaviours for who, _, _ in b}) == 4

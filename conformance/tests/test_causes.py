@@ -33,7 +33,7 @@ LINES = 10
 )
 def test_the_first_entry_names_the_rule_and_the_cause(conform: Suite, bug: str) -> None:
     rule, operator, says = CAUSES[bug]
-    found = conform(broken(bug), *CASES[bug])
+    found = conform(broken(bug), *CASES[bug], states=60)
     first = found.causes[0]
     shown = first.shown
     assert (first.verdict, shown.rule, shown.operator) == ("FAIL", rule, operator)

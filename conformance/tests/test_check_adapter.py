@@ -134,7 +134,7 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.sweep(6)
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(("old", "new", "what"), MISTAKES)
 def test_the_usual_mistakes(old: str, new: str, what: str) -> None:
     assert old in GOOD

@@ -257,6 +257,7 @@ def test_the_diagrams_are_drawn_from_the_fresh_graph(monkeypatch: pytest.MonkeyP
     assert text == generated_files.DIAGRAMS.read_text()
 
 
+@pytest.mark.slow
 def test_counterexamples_are_those_that_tlc_finds() -> None:
     chosen = [m for m in models.load() if m.cfg == "bare_ack"]
     verdicts = models.check_all(chosen)

@@ -41,14 +41,14 @@ lines = 0
 def answer(c):
     global lines
     lines += 1
-    if lines > 700:
+    if lines > 400:
         sys.exit("out of buffers")
     return right(c)
 """
 
 
 def test_a_used_process_that_ends_is_an_error(conform: Suite) -> None:
-    found = conform(station(ENDS), BUSY)
+    found = conform(station(ENDS), BUSY, states=60)
     case = of(found, BUSY)
     assert (case.verdict, found.exit_code) == ("ERROR", 3) and case.reason.startswith(KEPT)
     shown = found.causes[0].shown

@@ -187,6 +187,7 @@ def test_usage_errors_are_2(arguments: list[str], says: str) -> None:
     assert says in " ".join(answer.output.split())
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("command", "says"),
     [
@@ -211,6 +212,7 @@ def test_an_adapter_that_breaks_is_3_with_a_report(tmp_path: Path) -> None:
     assert done.report["counts"]["ERROR"] == 1 and "ZeroDivisionError" in done.out
 
 
+@pytest.mark.slow
 def test_what_is_expected_is_no_failure(tmp_path: Path) -> None:
     file = tmp_path / "known.toml"
     file.write_text(f'"{CASE}" = {{verdict = "FAIL", because = "ticket 12"}}\n')
@@ -348,6 +350,7 @@ def test_a_file_that_is_no_replay_is_3(tmp_path: Path, text: str | None, says: s
 # -- check-adapter, new, report
 
 
+@pytest.mark.slow
 def test_check_adapter() -> None:
     answer = automcm("conform", "check-adapter", "--", *REFERENCE)
     assert answer.exit_code == 0, answer.output

@@ -19,6 +19,7 @@ CODE = (
 )
 
 
+@pytest.mark.slow
 def test_what_needs_no_tlc_is_not_stale_and_each_drift_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -108,6 +108,7 @@ def test_another_end_than_described_is_a_problem(tmp_path: Path) -> None:
     assert {v.verdict for v in demo.verdicts} == {"allowed"}  # but no rule was broken
 
 
+@pytest.mark.slow
 def test_a_station_that_cannot_start_is_a_problem(tmp_path: Path) -> None:
     demo = shown(tmp_path, C=["--host", "198.51.100.1"])
     assert any(p.startswith("C: ") and "198.51.100.1" in p for p in demo.problems)
@@ -181,6 +182,7 @@ def test_a_vehicle_is_idle_only_after_a_session() -> None:
 REST: dict[str, Any] = {"session": None, "sending": 0}
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize(
     ("args", "error"),
     [
@@ -217,6 +219,7 @@ def test_an_address_beyond_loopback_is_exit_code_3() -> None:
     assert done.returncode == 3 and "192.0.2.255 is not a loopback address" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_station_id_that_is_on_the_air_is_refused() -> None:
     with running("link", "relay", "--port", "0") as relay:
         via = ["--via", f"127.0.0.1:{report(relay)['port']}", "--id", "7"]
@@ -250,6 +253,7 @@ def restarts(log: Path) -> bool:
     return any(event.ev == "restart" for _, event in read(log).events)
 
 
+@pytest.mark.slow
 def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Path) -> None:
     for n, first in enumerate(([], ["--first"])):
         log = tmp_path / str(n)
@@ -259,7 +263,7 @@ def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Pat
         assert restarts(log) == (not first)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("text", ["rubbish", "-1", "9" * 5000, "9007199254740991", "\u0663"])
 def test_end_8_a_number_file_with_no_number_is_exit_code_3(text: str, tmp_path: Path) -> None:
     kept = tmp_path / "number"

@@ -45,6 +45,7 @@ def test_the_committed_results_are_of_the_standard_profile_in_full(name: str) ->
     assert not found["summary"].get("broken")
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_what_stands_beside_the_results_is_made_of_them(name: str) -> None:
     made = report.load(FOLDER / name / report.RESULTS)

@@ -38,7 +38,7 @@ def test_of_what_the_exchange_accepts_the_engine_says_nothing(conform: Suite) ->
         assert judged(conform.folder, log).kind == "nothing", log
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code",
     [

@@ -162,7 +162,7 @@ def ends(
     return done.returncode, done.stderr
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("command", CHEAP)
 def test_output_that_cannot_be_written(command: str, folder: Path) -> None:
     way, words = CHEAP[command], command.split()
@@ -188,7 +188,7 @@ def path_options(command: str) -> set[str]:
     )
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("command", CHEAP)
 def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
     """As on a full disk: no file takes a byte."""
@@ -253,6 +253,7 @@ def test_a_reader_that_goes_away_is_no_divergence(unbuffered: str, folder: Path)
     assert len(whole.stdout) > 2**16 and json.loads(whole.stdout) and whole.returncode == 0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "words",
     ["--version", "--help", "trace --help", "link relay --help", " ".join(DIFF), "spec list"],
@@ -263,7 +264,7 @@ def test_a_closed_standard_output_is_no_divergence(words: str, folder: Path) -> 
     assert done.stderr == f"automcm: standard output: {os.strerror(errno.EBADF)}\n"
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", ["1", "2", "1 2", "0 1 2"])
 def test_no_file_takes_the_place_of_what_is_closed(closed: str, folder: Path) -> None:
     """What is printed must not get into the page, which would be the next file opened."""
@@ -274,7 +275,7 @@ def test_no_file_takes_the_place_of_what_is_closed(closed: str, folder: Path) ->
     assert (folder / where).read_bytes() == (folder / "page.html").read_bytes()
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", ["2>/dev/full", "2>&-"])
 def test_standard_error_that_cannot_be_written_changes_no_verdict(lost: str, folder: Path) -> None:
     assert shell(f"automcm trace explain none.ndjson {lost}", folder).returncode == 3

@@ -99,6 +99,7 @@ def explored(
     )
 
 
+@pytest.mark.slow
 def test_a_right_station_passes_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     one, other = (explored("", tmp_path, 20).as_dict() for _ in range(2))
     assert json.dumps(one) == json.dumps(other)
@@ -109,6 +110,7 @@ def test_a_right_station_passes_and_the_same_seed_gives_the_same_bytes(tmp_path:
     assert explored("", tmp_path, 20, seed=2).as_dict()["coverage"] != one["coverage"]
 
 
+@pytest.mark.slow
 def test_a_station_that_numbers_its_sessions_freely_passes(tmp_path: Path) -> None:
     code = """
 def answer(command):
@@ -120,6 +122,7 @@ def answer(command):
     assert found.cases == [] and found.problems == []
 
 
+@pytest.mark.slow
 def test_a_station_without_durations_is_walked_in_natural_time(tmp_path: Path) -> None:
     without = 'kit.HELLO["features"].remove("durations")\nkit.HELLO["features"].remove("restart")\n'
     found = explored(without, tmp_path, 25)
@@ -141,6 +144,7 @@ def replays(found: Exploration, folder: Path, code: str) -> None:
     assert len(wrong.value.steps) == len(steps)
 
 
+@pytest.mark.slow
 def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) -> None:
     found = explored(SECOND_SESSION, tmp_path, 400)
     (case,) = found.cases

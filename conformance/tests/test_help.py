@@ -53,6 +53,7 @@ def test_a_group_lists_its_commands_in_whole_sentences() -> None:
         assert not cut
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("path", [[], ["trace"], ["trace", "explain"], ["conform", "run"]])
 def test_help_loads_nothing_heavy(path: list[str]) -> None:
     code = (

@@ -175,7 +175,7 @@ def test_each_ablation_is_tried() -> None:
     }
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("cfg", BROKEN_BY)
 def test_the_proof_fails_without_a_mechanism(
     cfg: str, spec: Specification, ablations: Specification

@@ -92,7 +92,7 @@ COMMANDS: dict[str, tuple[list[str], str, int]] = {
 }
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("what", COMMANDS)
 def test_a_command_that_is_killed_leaves_no_process(
     what: str, home: Path, running: Callable[[], list[str]]
@@ -121,6 +121,7 @@ def test_what_a_killed_command_left_is_removed_by_the_next(
     assert done.returncode == 0 and list(left.iterdir()) == []
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_command_that_is_told_to_stop_leaves_nothing(
     how: signal.Signals, home: Path, running: Callable[[], list[str]]
@@ -136,7 +137,7 @@ def test_a_command_that_is_told_to_stop_leaves_nothing(
 LOG = Path(__file__).resolve().parents[2] / "traces/corpus/pair/1001.ndjson"
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "arguments",
     [

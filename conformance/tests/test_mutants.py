@@ -94,7 +94,7 @@ CODE = {
 }
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "what",
     [pytest.param(w, marks=[pytest.mark.deep] * (w == "one proposal too many")) for w in CODE],

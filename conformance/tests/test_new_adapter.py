@@ -57,6 +57,7 @@ NEEDS = {
 }
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("language", NEEDS)
 def test_a_template_that_needs_no_library_runs(language: str, tmp_path: Path) -> None:
     for tool in NEEDS[language]:

@@ -51,6 +51,7 @@ CASES = (BUSY, ACCEPTS, "PRE-2", "AMCM/STA/ADV/BV-01", "AMCM/PRE/PRE/TI", "AMCM/
 """Among them a scenario with three receivers, to two of which a Cancel is sent."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how", [pytest.param(h, marks=[pytest.mark.slow] * (n != 4)) for n, h in enumerate(VARIANTS)]
 )

@@ -88,6 +88,7 @@ def test_the_kind_of_a_purpose_is_that_of_its_pairs() -> None:
         assert {purpose.kind for purpose in owners(row)} == {kind}, pair
 
 
+@pytest.mark.slow
 def test_every_selector_owns_a_pair() -> None:
     owned = {purpose.id for row in pairs() for purpose in owners(row)}
     left = {purpose.id for purpose in SELECTED} - owned

@@ -49,6 +49,7 @@ def same(found: Report, wanted: Report) -> bool:
     return found.as_dict() == wanted.as_dict()
 
 
+@pytest.mark.sweep(3)
 def test_a_report_comes_back(hostile: Report, tmp_path: Path) -> None:
     files = report.write(hostile, tmp_path / "new" / "folder")
     assert [file.name for file in files] == ["report.json", "junit.xml", "report.html"]
@@ -154,6 +155,7 @@ def test_junit_says_what_the_exit_code_says(tmp_path: Path) -> None:
         assert part in text
 
 
+@pytest.mark.sweep(3)
 def test_no_tag_of_the_page_is_from_the_station(hostile: Report) -> None:
     plain = deepcopy(hostile)
     text = "x"

@@ -55,7 +55,7 @@ def test_the_suite_has_these_cases() -> None:
     assert cases == set(NAMES)
 
 
-@pytest.mark.sweep(8)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reference_passes(name: str, tmp_path: Path) -> None:
     outcome = run(name, REFERENCE, tmp_path)
@@ -73,7 +73,7 @@ def test_the_command_passes(tmp_path: Path) -> None:
     assert run("scenario all arrives", cli_stage.REFERENCE, tmp_path).verdict == "PASS"
 
 
-@pytest.mark.sweep(9)
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", BREAKS)
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
     scenario, rule = BREAKS[name]
@@ -171,6 +171,7 @@ def test_what_stands_beside_the_fields_of_an_indication_is_not_looked_at(tmp_pat
     assert run("scenario all arrives", more, tmp_path).verdict == "PASS"
 
 
+@pytest.mark.slow
 def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for_ever = Application(BOTH[P].actions[:1], lease_ms=10**6)
     monkeypatch.setitem(NAMES, "scenario all arrives", (Play({**BOTH, P: for_ever}),))

@@ -69,6 +69,7 @@ def test_drives_are_counted_by_what_b_does() -> None:
     assert sum(kind["drives"] for kind in report["kinds"].values()) == 4
 
 
+@pytest.mark.slow
 def test_drives_by_sigma_are_counted_for_each_error() -> None:
     code, said = run("simulate", "drives", "--drives", "2", "--by-sigma", "--json", "-")
     report = json.loads(said)
@@ -96,6 +97,7 @@ def test_a_folder_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
     assert run("simulate", "lane-change", "--out", str(tmp_path / "file"))[0] == 3
 
 
+@pytest.mark.slow
 def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -68,7 +68,7 @@ COSTLY = ("is killed", "not UTF-8", "half a line", "output without end", "an err
 """Of each kind one other is quick, and test_process.py has them all."""
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "how", [pytest.param(h, marks=[pytest.mark.deep] * (h in COSTLY)) for h in BROKEN]
 )
@@ -146,7 +146,7 @@ def answer(c):
     assert of(found, ACCEPTS).verdict == of(found, LATER).verdict == "PASS"
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("again", ["os._exit(5)", "print('no', flush=True)"])
 def test_it_cannot_be_started_again(conform: Suite, again: str) -> None:
     file = conform.folder / "started"
@@ -216,6 +216,7 @@ def bad(command, out):
 # -- the same again, and what is expected
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_bytes(conform: Suite) -> None:
     texts = []
     for name in ("first", "second"):
@@ -321,6 +322,7 @@ def test_an_error_in_a_scenario_says_what_happened(conform: Suite) -> None:
     assert cause.shown.difference == "ERROR in a scenario"
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("error", "problem", "exit_code"),
     [

@@ -31,6 +31,7 @@ def answer(command):
 }
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("how", OTHERWISE)
 def test_right_but_not_the_same_again(conform: Suite, how: str) -> None:
     found = conform(station(OTHERWISE[how]), "AMCM/STA/ADV/BV-01", ACCEPTS, states=60)
@@ -134,7 +135,7 @@ def answer(c):
 """
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("name", "value", "skipped"),
     [
@@ -162,7 +163,7 @@ def test_a_fixed_parameter(conform: Suite, name: str, value: int, skipped: dict[
     assert of(found, LATER).verdict == "PASS"
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "fixed",
     [

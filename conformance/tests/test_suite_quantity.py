@@ -208,6 +208,7 @@ QUICK = ("8 participants", "3 rounds", "__proto__ lost")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in WRONG if name not in QUICK]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("fault", [*QUICK, *SLOW])
 def test_each_fault_of_quantity_is_found(conform: Suite, fault: str) -> None:
     case, first, code = WRONG[fault]

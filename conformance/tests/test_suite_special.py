@@ -369,7 +369,7 @@ station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "backoff"
 }
 
 
-@pytest.mark.sweep(14)
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("how", WRONG)
 def test_each_case_without_a_graph_can_fail(conform: Suite, how: str) -> None:
     name, first, code, says = WRONG[how]

@@ -65,6 +65,7 @@ def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.Monke
     assert max(sent[::2]) < 4 * pairs, "no pair is driven twice"
 
 
+@pytest.mark.slow
 def test_a_replay_fails_again_and_passes_on_the_reference(conform: Suite) -> None:
     found = conform(station(IGNORES), BUSY, states=60)
     file = conform.folder / "report" / of(found, BUSY).failures[0].replay
@@ -93,6 +94,7 @@ def test_a_way_that_goes_wrong_is_inconclusive(conform: Suite) -> None:
     assert found.exit_code == 4
 
 
+@pytest.mark.slow
 def test_a_refused_input_that_changes_something_is_blamed(conform: Suite) -> None:
     secret = """
 poisoned = False

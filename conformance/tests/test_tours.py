@@ -198,6 +198,7 @@ def test_the_two_peer_pairs_are_of_this_specification(two: Oracle) -> None:
     assert two_peer_pairs.spec_hash() == spec_hash() == two.spec_hash
 
 
+@pytest.mark.slow
 def test_each_two_peer_pair_is_offered(two: Oracle) -> None:
     written = json.loads(two_peer_pairs.PATH.read_bytes())["pairs"]
     kept = REAL_READ(two)
@@ -213,6 +214,7 @@ def test_two_peer_pairs_of_another_specification(two: Oracle, tmp_path: Path) ->
             REAL_READ(two, path)
 
 
+@pytest.mark.slow
 def test_the_two_peer_pairs_have_no_image(two: Oracle) -> None:
     """A sample: no pair of the file has an image, and of pairs that are alike the first decides."""
     one, dice = graph(ONE_PEER.path), random.Random(1)

@@ -19,7 +19,7 @@ from automcm_traces.explain.explain import explain_files
 # -- a station that is right
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("which", STATIONS)
 def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: Path) -> None:
     code, result = replay(logs / f"{which}.ndjson", REFERENCE, tmp_path)
@@ -79,6 +79,7 @@ def test_own_sessions_of_the_log_are_renamed(logs: Path, tmp_path: Path) -> None
     assert "[1001,41]" not in Path(result["log"]).read_text()
 
 
+@pytest.mark.slow
 def test_a_back_off_lasts_as_long_as_in_the_log(logs: Path, tmp_path: Path) -> None:
     """END-7; without the feature ``durations`` it lasts as long as the station chooses."""
     less = """
@@ -219,6 +220,7 @@ def answer(command):
 }
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_wrong_station_diverges(name: str, logs: Path, tmp_path: Path) -> None:
     which, rule, code = MUTANTS[name]

@@ -75,6 +75,7 @@ def test_a_file_may_come_later_be_truncated_and_be_replaced(tmp_path: Path) -> N
         assert next(reports)["exit"] == 1 == process.wait(LIMIT_S)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_with_the_verdict_so_far(number: signal.Signals, tmp_path: Path) -> None:
     path = tmp_path / "log.ndjson"

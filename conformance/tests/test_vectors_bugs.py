@@ -23,6 +23,7 @@ BUGS = {
 EXACT = [case for case in CASES if case.kernel not in vectors.SECURED]
 
 
+@pytest.mark.sweep(90)
 @pytest.mark.parametrize("case", EXACT, ids=lambda case: case.id)
 def test_every_vector_catches_the_bug_it_names(case: vectors.Case) -> None:
     [result] = vectors.check(mutated(case.kernel, BUGS[case.id]), [case])

@@ -57,6 +57,7 @@ def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:
     assert answer.exit_code == 2 and all(rule in answer.output for rule in RULES)
 
 
+@pytest.mark.slow
 def test_a_rule_that_the_reference_keeps() -> None:
     answer = automcm("verify", "--no-models", "--rule", "NEG-4", "--json", "-")
     assert answer.exit_code == 0, answer.output

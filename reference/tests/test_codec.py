@@ -51,7 +51,7 @@ def refused(used: Codec, data: bytes, text: str) -> None:
 @pytest.mark.parametrize("used", BOTH, ids=lambda c: c.name)
 @pytest.mark.parametrize("type_", BY_TYPE)
 def test_every_message_survives_both_codecs(type_: str, used: Codec) -> None:
-    @settings(derandomize=True, max_examples=60, deadline=None, database=None)
+    @settings(derandomize=True, max_examples=20, deadline=None, database=None)
     @given(BY_TYPE[type_])
     def survives(message: Message | Cam) -> None:
         data = used.encode(message)

@@ -127,6 +127,7 @@ def slowing(name: str, at_s: float, *, with_rules: bool) -> tuple[float, bool]:
     return lost(found[B], alone[B]), bool(found[PRESCRIBER].y[-1] > 3)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("name", "at_s", "moved_without", "most", "saved"),
     [

@@ -72,6 +72,7 @@ def test_t_2_the_bound_and_what_it_supposes() -> None:
             bound_ms(parameters, delay)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("kind", "loss"),
     [("target restarts", 0.0), ("target aborts", 0.6), ("cut forth", 0.4), ("cut both ways", 0.2)],
@@ -240,6 +241,7 @@ def test_faults_begin_in_their_window_and_end_later() -> None:
     assert inject([], Watched(), safety.ROLES) == 0
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_fault_changes_what_happens(kind: str) -> None:
     quiet = simulate([])

@@ -286,6 +286,7 @@ def test_mean_and_quantile() -> None:
             of_none([])
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
@@ -295,6 +296,7 @@ def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     assert sorted(line.split("](")[1] for line in shown) == [f"{n}.svg)" for n in sorted(drawn)]
 
 
+@pytest.mark.slow
 def test_dask_gives_the_same(dice: Thrown, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="automcm[dask] is not installed")
     here = run(dice, tmp_path / "here")

@@ -27,7 +27,7 @@ def slowest(drive: SimulatedDrive, station_id: int) -> Sample:
     return min(drive.road.of(station_id), key=lambda sample: sample.speed)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("speed_kmh", [30, 50])
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_kin_4_the_four_vehicles_of_fig_6(speed_kmh: float, loss: float, tmp_path: Path) -> None:

@@ -168,6 +168,7 @@ HARM = [
 """What B does, the mechanism, the first seed to try, and the error of positions."""
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(("kind", "mechanism", "first", "sigma"), HARM)
 def test_app_2_app_4_app_5_each_mechanism_is_needed(
     kind: str, mechanism: str, first: int, sigma: float | None
@@ -193,6 +194,7 @@ def test_app_2_in_bursts_silence_is_not_a_free_lane() -> None:
     assert bad and not any(unagreed(LaneChange, seed) for seed in bad)
 
 
+@pytest.mark.slow
 def test_app_2_a_small_sweep_has_no_bad_drive() -> None:
     drives = [drive(seed) for seed in range(20)]
     assert {each.kind for each in drives} == set(KINDS)
@@ -397,6 +399,7 @@ def test_app_1_where_a_place_is_unknown_nothing_is_clear() -> None:
     assert given == ["abort"] and said(off)[-1] == "gives up: its own place on the road is unknown"
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("left", [False, True])
 @pytest.mark.parametrize("radius", [100.0, 300.0, 1450.0])
 def test_app_1_on_a_bend_the_gap_is_along_the_lane(radius: float, left: bool) -> None:

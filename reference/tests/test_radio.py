@@ -186,6 +186,7 @@ def over_table(traffic: Traffic, seeds: int = 1) -> Measured:
     return pooled(parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=() if n == QUICK else pytest.mark.slow) for n in FITTED]
 )

@@ -114,12 +114,14 @@ HARM = [
 ]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(("kind", "mechanism"), HARM)
 def test_app_2_app_4_app_5_each_mechanism_is_needed_to_merge(kind: str, mechanism: str) -> None:
     bad = next(seed for seed in range(40) if drive(seed, mechanism, kind).bad)
     assert not drive(bad, "", kind).bad
 
 
+@pytest.mark.slow
 def test_app_2_a_small_sweep_of_merges_has_no_bad_drive() -> None:
     drives = [drive(seed) for seed in range(10)]
     assert not [each for each in drives if each.bad]

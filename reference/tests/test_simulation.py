@@ -84,7 +84,7 @@ def reasons(simulation: Watched, station_id: int) -> list[str]:
     return [indication.reason for indication in heard(simulation, station_id, "fallback")]
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize(
     "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in SEEDS]
@@ -117,6 +117,7 @@ def test_logs_do_not_change_what_happens(tmp_path: Path) -> None:
     assert plain.seen == logged.seen
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_s_1_s_5_l_1_a_session_over_a_lossy_radio(seed: int, loss: float) -> None:

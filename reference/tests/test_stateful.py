@@ -45,7 +45,7 @@ SLOW = ("the mark goes before the Fin is acknowledged",)
 """Those that take more than four seconds."""
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "name", [pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW)) for b in BUGS]
 )

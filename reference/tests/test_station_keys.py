@@ -175,6 +175,7 @@ def test_a_list_is_taken_when_it_is_new_and_not_when_it_is_the_same_or_old(
     assert watched.reports == [{"event": "revocations", "file": copy.name}]
 
 
+@pytest.mark.slow
 def test_a_certificate_that_ends_is_reported_before_and_after(
     folder: Path, authority: AuthorityFolder
 ) -> None:

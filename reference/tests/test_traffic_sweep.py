@@ -65,6 +65,7 @@ def test_a_good_run_has_nothing_wrong_and_repeats() -> None:
     assert judged == [["1.ndjson", "2.ndjson", "3.ndjson", "4.ndjson"]]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("change", "text"),
     [

@@ -57,6 +57,7 @@ def sent(trajectory: Trajectory) -> Trajectory:
     return from_message(to_message(thin(trajectory)))
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("road", ROADS)
 def test_what_is_prescribed_on_a_curve_is_agreed(road: str) -> None:
     """The plan is thinned, the prescription is made of that and thinned, and the receiver compares
@@ -69,6 +70,7 @@ def test_what_is_prescribed_on_a_curve_is_agreed(road: str) -> None:
     assert agreed == DRIVES
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("road", ROADS)
 def test_thinning_keeps_the_bound_if_the_frame_allows_it(road: str) -> None:
     """On an arc of 100 m, 60 points 5 m apart are needed, and the frame has room for fewer."""

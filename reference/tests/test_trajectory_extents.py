@@ -77,6 +77,7 @@ def apart(a: Trajectory, b: Trajectory, one: Extent, other: Extent, times: Float
 anything = trajectories(least=2, most=8) | plans()
 
 
+@pytest.mark.slow
 @given(st.tuples(anything, anything), sizes, sizes, numbers(0, 10))
 def test_against_brute_force(
     pair: tuple[Trajectory, Trajectory], one: Extent, other: Extent, margin: float

@@ -130,7 +130,7 @@ def quick() -> Iterator[None]:
         sys.modules.pop(name, None)
 
 
-@pytest.mark.sweep(14)
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize(
     ("kernel", "old", "new", "tests", "parts"),
     MUTANTS,

@@ -67,7 +67,7 @@ def quickest(found: Iterable[models.Model]) -> dict[str, models.Model]:
 MUST_FAIL = quickest(m for m in LISTED if m.expect == "violates")
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("module", sorted(MUST_FAIL))
 def test_a_counterexample_names_actions(module: str) -> None:
     model = MUST_FAIL[module]

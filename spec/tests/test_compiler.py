@@ -13,6 +13,7 @@ from automcm_spec.compilation import compiler
 from automcm_spec.support.paths import TLA
 
 
+@pytest.mark.slow
 def test_the_committed_station_is_what_would_be_generated(open_xml: bytes) -> None:
     assert compiler.PATH.read_text() == compiler.text(xml=open_xml)
 

@@ -18,7 +18,7 @@ def test_ids_are_compared_and_session_numbers_ordered(open_xml: bytes) -> None:
     assert {"OfPeer", "NextTarget"} <= set(uses["id", "compared"]) - set(uses["number", "compared"])
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("what", DEPENDENT)
 def test_any_other_use_is_refused(what: str, tmp_path: Path) -> None:
     tla = edited(DEPENDENT[what], tmp_path)

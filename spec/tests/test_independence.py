@@ -53,6 +53,7 @@ def check(number: int, xml: bytes) -> list[Sample]:
     return samples
 
 
+@pytest.mark.slow
 def test_the_lemmas_hold_with_many_sessions(xml: bytes) -> None:
     check(FEW, xml)
 

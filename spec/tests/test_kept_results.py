@@ -127,6 +127,7 @@ CHANGES: dict[str, tuple[Callable[[Runs], object], set[str]]] = {
 }
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("what", CHANGES)
 def test_a_change_has_the_models_run_again_that_depend_on_it(what: str, runs: Runs) -> None:
     runs.verdicts()
@@ -191,6 +192,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("what", DAMAGE)
 def test_a_damaged_file_is_no_result(what: str, runs: Runs) -> None:
     runs.verdicts()

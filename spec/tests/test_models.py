@@ -321,7 +321,7 @@ HOLDS = {"distinct_states": 1, "states": 1, "depth": 1}
 NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("cfg", "changes", "problem"),
     [

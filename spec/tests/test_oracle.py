@@ -23,11 +23,6 @@ def one_peer() -> oracle.Oracle:
     return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
 
 
-def test_the_committed_oracles_are_of_this_specification() -> None:
-    for graph in oracle_generation.GRAPHS.values():
-        assert oracle.load(graph.path, oracle_generation.spec_hash()).constants == graph.constants
-
-
 def test_the_committed_oracles_are_small() -> None:
     assert sum(graph.path.stat().st_size for graph in oracle_generation.GRAPHS.values()) < 5_000_000
 

@@ -54,7 +54,7 @@ def test_transitions_alone(tight: oracle.Oracle) -> None:
     assert (found.differences, found.inputs) == (0, tight.transitions)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "change",
     [

@@ -48,6 +48,7 @@ def test_every_step_is_decided_by_a_rule() -> None:
     assert "MEM-1" in found.never
 
 
+@pytest.mark.slow
 def test_lively_behaviours_get_as_far_as_driving() -> None:
     found = random_walks.run(KNOWN["one_by_two"], depth=60, seconds=None, number=50, lively=True)
     assert {"NEG-2", "NEG-6", "ACT-3"} <= set(found.rules)
@@ -81,6 +82,7 @@ def last_rule(found: random_walks.Walks) -> str:
     return str(last["rule"])
 
 
+@pytest.mark.slow
 def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
     found = random_walks.run(KNOWN["retarget"], depth=3, seconds=None, number=5)
     assert (found.property, found.exit_code) == (None, 4)

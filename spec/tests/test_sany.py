@@ -18,6 +18,7 @@ def module(folder: Path, text: str) -> Path:
     return folder
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [

@@ -43,14 +43,14 @@ def test_each_edit_is_caught_at_its_line_or_there_is_a_reason(
     good: list[Lines], tmp_path: Path
 ) -> None:
     kinds, caught, odd = set(), 0, []
-    for n, lines in enumerate(good * 3):
+    for n, lines in enumerate(good):
         edited, kind, line = mutated(lines, n)
         verdict = judged(edited, tmp_path)
         kinds.add(kind)
         caught += verdict.verdict != "allowed"
         if not reason(lines, edited, kind, line, verdict.verdict, verdict.finding.at.line):
             odd.append((n, kind, line, verdict.verdict, verdict.finding.at.line))
-    assert kinds == set(KINDS) and caught > NUMBER
+    assert kinds == set(KINDS) and caught > NUMBER // 3
     assert odd == []
 
 

@@ -44,6 +44,7 @@ def test_what_is_wrong_is_named_at_its_line(entry: Entry) -> None:
     assert verdict.finding.rule == entry.rule or entry.verdict != "diverges", verdict
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("kind", ["behaviours", "four-vehicles", "pair"])
 def test_good_logs_are_allowed(kind: str) -> None:
     entries = of(kind)

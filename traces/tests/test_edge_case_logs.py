@@ -230,7 +230,7 @@ def test_a_fault_of_ours_is_not_blamed_on_the_log(
 ODD_VALUES = (0, -1, 7, 2**53, 10**30, True, None, 1.5, "", "CAM", [], [1001, "1"], [[1], 2], {})
 
 
-@pytest.mark.sweep(40)
+@pytest.mark.sweep(20)
 @pytest.mark.parametrize("seed", range(150))
 def test_no_odd_field_ends_with_an_exception_of_ours(seed: int, tmp_path: Path) -> None:
     draw = random.Random(seed)

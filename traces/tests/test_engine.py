@@ -35,6 +35,7 @@ def a_log() -> Log:
     return read(CORPUS / "pair" / "1001.ndjson")
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("name", "verdict"),
     [("pair/1001.ndjson", "allowed"), ("bad/accepts_unasked.ndjson", "diverges")],
@@ -127,7 +128,7 @@ def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Pat
     assert explain(read(path)).verdict == "allowed"
 
 
-@pytest.mark.sweep(8)
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
 @pytest.mark.parametrize("proposal", [2, 4])
 @pytest.mark.parametrize("target", [2, 1, 9])

@@ -28,6 +28,7 @@ def later(path: Path, folder: Path) -> Path:
     return moved
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize("file", BAD)
 def test_the_text_of_a_verdict_is_the_same_whatever_the_epoch(file: str, tmp_path: Path) -> None:
     path = CORPUS / file

@@ -157,6 +157,7 @@ def test_a_clock_that_jumps(by: int, run: list[Path], tmp_path: Path) -> None:
     assert told and told >= 9 * missed
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("ms", [200, 700, 2000])
 def test_one_timer_that_is_late_is_no_jump_of_the_clock(ms: int, tmp_path: Path) -> None:
     """The station resends too late, while all else keeps its time."""
@@ -181,6 +182,7 @@ def test_one_timer_that_is_late_is_no_jump_of_the_clock(ms: int, tmp_path: Path)
     assert number > 5
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("ms", [300, 800, 1400])
 def test_a_station_that_was_stopped_is_no_jump_of_the_clock(
     ms: int, run: list[Path], tmp_path: Path

@@ -76,6 +76,7 @@ def test_s_5_the_logs_of_clocks_that_drift_are_on_each_stations_own_clock(tmp_pa
     assert armed == [600, 600]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("model", "types"),
     [

@@ -26,7 +26,7 @@ def errors(folder: Path, lines: list[Json]) -> set[tuple[int, str, str]]:
     return {(f.at.line, f.rule, f.at.field) for f in lint(path) if level(f) == "error"}
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", range(12))
 def test_mending_one_fault_reveals_no_other(seed: int, tmp_path: Path) -> None:
     chance = random.Random(seed)

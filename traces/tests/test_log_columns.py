@@ -55,6 +55,7 @@ def matters(event: Event) -> list[str]:
     return []
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("place", range(4))
 def test_with_four_stations_no_row_loses_its_type_or_verdict(place: int) -> None:
     others = [1001, 2002, 3003, 4004]

@@ -194,7 +194,7 @@ BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "div
 """Every second one is deep."""
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "entry",
     [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],

@@ -195,6 +195,7 @@ def states(history: StateHistory) -> dict[int, Json]:
     return {line: history.state(n) for n, line in enumerate(history.steps)}
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("last", range(12, 20))
 def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
     """Also where it ends within a step."""

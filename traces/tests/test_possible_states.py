@@ -248,7 +248,7 @@ def test_a_log_that_only_an_unseen_restart_explains_says_so(
     assert judged(records, (*kinds, "restart"), tmp_path).only_if == ()
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("kinds", PARTS, ids="+".join)
 def test_what_is_left_of_a_bad_log_has_a_verdict(kinds: tuple[str, ...], tmp_path: Path) -> None:
     """Also where an unseen Ack, of which nothing is known, stands before the divergence."""

@@ -72,7 +72,7 @@ def judged(
     return dict(zip(WRONG, zip(lines, other, explain_batch(logs), strict=True), strict=True))
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
     name: str, judged: dict[str, tuple[int, Verdict, Verdict]]
@@ -142,6 +142,7 @@ RIGHT: dict[str, tuple[str, Callable[[Records], Records]]] = {
 }
 
 
+@pytest.mark.slow
 def test_what_is_right_is_allowed(good: dict[str, Records], tmp_path: Path) -> None:
     logs = [rewritten(tmp_path / name[-4:], copy.deepcopy(r)) for name, r in good.items()]
     for name, (base, edit) in RIGHT.items():
