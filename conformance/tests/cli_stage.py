@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import io
+import os
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from click.testing import Result
@@ -31,6 +35,21 @@ def automcm_process(*words: object) -> subprocess.CompletedProcess[str]:
     """The same as a process."""
     command = [*AUTOMCM, *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+
+
+def own_address() -> str:
+    """A loopback address of this process alone: every port is free there."""
+    pid = os.getpid()
+    return f"127.{1 + (pid >> 16) % 250}.{(pid >> 8) % 256}.{pid % 256}"
+
+
+@contextmanager
+def broadcast() -> Iterator[str]:
+    """Where to broadcast: a port that a socket keeps from others, and the stations share."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kept:
+        kept.bind(("127.255.255.255", 0))
+        kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        yield f"127.255.255.255:{kept.getsockname()[1]}"
 
 
 def shown(report: Report) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import random
-import socket
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from broken_stations import broken
-from cli_stage import AUTOMCM, REFERENCE, automcm
+from cli_stage import AUTOMCM, REFERENCE, automcm, broadcast
 from live_stage import BY_NAME, JITTER, STATION, Json, Radio, World, fair, judge, only, session
 from live_stage import oracle as oracle
 
@@ -277,13 +276,13 @@ def test_a_slow_station_fails_in_virtual_time(oracle: Oracle) -> None:
 @contextmanager
 def station(*options: str) -> Iterator[str]:
     """``automcm station`` on a port of its own; yields where it broadcasts."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        where = f"127.255.255.255:{free.getsockname()[1]}"
     command = [*AUTOMCM, "station", "--id", str(STATION), "--first", "--listen", "0"]
-    with subprocess.Popen(
-        [*command, "--broadcast", where, *options], stdout=subprocess.DEVNULL
-    ) as child:
+    with (
+        broadcast() as where,
+        subprocess.Popen(
+            [*command, "--broadcast", where, *options], stdout=subprocess.DEVNULL
+        ) as child,
+    ):
         try:
             yield where
         finally:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import AUTOMCM, LIMIT_S, automcm
+from cli_stage import AUTOMCM, LIMIT_S, automcm, broadcast, own_address
 
 CORPUS = Path(__file__).parents[2] / "traces/corpus"
 PAIR = [CORPUS / f"pair/{station}.ndjson" for station in (1001, 2002)]
@@ -98,15 +98,8 @@ def test_a_file_that_never_came_cannot_be_read(tmp_path: Path) -> None:
         assert process.wait(LIMIT_S) == 3
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        port: int = sock.getsockname()[1]
-        return port
-
-
 def test_datagrams_are_judged_by_sender_and_a_lost_one_leaves_no_verdict() -> None:
-    where = "127.0.0.1", free_port()
+    where = own_address(), 4000
     logs = [path.read_bytes().splitlines(keepends=True) for path in PAIR]
     with watching(f"udp:{where[0]}:{where[1]}") as (process, reports):
         senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in PAIR]
@@ -144,13 +137,13 @@ def begun(
 
 
 def test_a_station_sends_its_log_there(tmp_path: Path) -> None:
-    where = f"127.0.0.1:{free_port()}"
-    with watching(f"udp:{where}") as (process, reports):
-        port = int(where.split(":")[1])
-        while not begun(socket.socket(type=socket.SOCK_DGRAM), b"", ("127.0.0.1", port), process):
+    where = f"{own_address()}:4000"
+    with watching(f"udp:{where}") as (process, reports), broadcast() as others:
+        sender = socket.socket(type=socket.SOCK_DGRAM)
+        while not begun(sender, b"", (own_address(), 4000), process):
             pass
         station = [*AUTOMCM, "station", "--id", "9", "--first", "--listen", "0", "--for", "600"]
-        station += ["--broadcast", f"127.255.255.255:{free_port()}", "--log-to", where]
+        station += ["--broadcast", others, "--log-to", where]
         log = tmp_path / "9.ndjson"
         subprocess.run([*station, "--log", str(log)], timeout=LIMIT_S, check=True, text=True)
         heard = list(reports)

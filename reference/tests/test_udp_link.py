@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import errno
 import random
+import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -35,10 +36,12 @@ async def until(so: Callable[[], bool]) -> None:
         await asyncio.sleep(0.01)
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+@pytest.fixture
+def where() -> Iterator[tuple[str, int]]:
+    """Where to broadcast: a port that a socket keeps from others, and the links share."""
+    with bind("127.255.255.255", 0) as kept:
+        kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        yield kept.getsockname()
 
 
 QUICK = Parameters(t_timeout=200, t_resend=50, t_decide=200)
@@ -66,8 +69,7 @@ def finished(made: list[McService]) -> bool:
     )
 
 
-async def test_a_session_over_udp_with_broadcast_and_unicast() -> None:
-    where = ("127.255.255.255", free_port())
+async def test_a_session_over_udp_with_broadcast_and_unicast(where: tuple[str, int]) -> None:
     links = [UdpLink(broadcast=where) for _ in range(3)]
     made = services(links, AsyncioClock())
     await until(lambda: all(len(link._addresses) == 2 for link in links))
@@ -96,8 +98,7 @@ async def test_a_session_through_a_lossy_relay_where_all_overhear_all() -> None:
     relay.close()
 
 
-async def test_end_5_rubbish_and_a_flood_stop_no_session() -> None:
-    where = ("127.255.255.255", free_port())
+async def test_end_5_rubbish_and_a_flood_stop_no_session(where: tuple[str, int]) -> None:
     made = services([UdpLink(broadcast=where) for _ in range(2)], AsyncioClock())
     chance = random.Random(1)
     with bind("127.0.0.1", 0) as flood:
@@ -114,10 +115,11 @@ async def test_end_5_rubbish_and_a_flood_stop_no_session() -> None:
         service.close()
 
 
-async def test_mem_1_a_link_remembers_so_many_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_mem_1_a_link_remembers_so_many_addresses(
+    monkeypatch: pytest.MonkeyPatch, where: tuple[str, int]
+) -> None:
     monkeypatch.setattr(udp_, "ADDRESSES", 5)
 
-    where = ("127.255.255.255", free_port())
     link = UdpLink(broadcast=where)
     got: list[int] = []
     link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
@@ -138,8 +140,8 @@ async def test_mem_1_a_relay_takes_so_many_stations_and_forgets_silent_ones(
     sockets = [bind("127.0.0.1", 0) for _ in range(3)]
     for sock in sockets:
         sock.sendto(b"", relay.address)
-    await until(lambda: len(relay._stations) == 2)
-    await asyncio.sleep(0.05)
+    sockets[0].sendto(b"after the third", relay.address)
+    await until(lambda: bool(select.select([sockets[1]], [], [], 0)[0]))
     assert len(relay._stations) == 2
     for where in relay._received_ms:
         relay._received_ms[where] -= relay_.SILENCE_MS + 1
@@ -158,8 +160,9 @@ def test_a_port_in_use_is_named() -> None:
         bind(*taken.getsockname())
 
 
-async def test_messages_of_one_id_from_two_addresses_make_it_broadcast() -> None:
-    where = ("127.255.255.255", free_port())
+async def test_messages_of_one_id_from_two_addresses_make_it_broadcast(
+    where: tuple[str, int],
+) -> None:
     link = UdpLink(broadcast=where)
     got: list[int] = []
     link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
@@ -242,8 +245,8 @@ def test_an_address_is_host_and_port(text: str) -> None:
     assert address("localhost:9") == ("127.0.0.1", 9)
 
 
-async def test_what_the_system_refuses_to_send_is_counted() -> None:
-    link = UdpLink(broadcast=("127.255.255.255", free_port()))
+async def test_what_the_system_refuses_to_send_is_counted(where: tuple[str, int]) -> None:
+    link = UdpLink(broadcast=where)
     link.open(lambda data, tx: None)
     link.send(b"x" * 70_000, BROADCAST, "")
     assert link.unsent == 1
