@@ -19,7 +19,7 @@ from automcm_spec.compilation import compiler
 from automcm_spec.compilation.sany import Refused
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement, Difference
-from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking import model_runs, models, tlc
 from automcm_spec.model_checking.tlc import ErrorKind, Progress, Result, TlcError
 from automcm_spec.vocabulary.station import Restart
 
@@ -260,7 +260,7 @@ def test_the_diagrams_are_drawn_from_the_fresh_graph(monkeypatch: pytest.MonkeyP
 @pytest.mark.slow
 def test_counterexamples_are_those_that_tlc_finds() -> None:
     chosen = [m for m in models.load() if m.cfg == "bare_ack"]
-    verdicts = models.check_all(chosen)
+    verdicts = model_runs.check_all(chosen)
     assert generated_files.counterexample_drift(verdicts) == []
     itf = json.loads(model_output.counterexample(verdicts[0]))
     last = itf["states"][-1]["#meta"]

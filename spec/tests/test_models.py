@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from automcm_cli.spec.model_output import chosen, kept
-from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking import model_runs, models, tlc
 from automcm_spec.model_checking.models import Model, ModelError, Verdict
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, TLA
@@ -305,7 +305,7 @@ def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> N
 def test_as_expected() -> None:
     seen: list[Verdict] = []
     chosen = [model("bare_ack"), model("unreduced")]
-    verdicts = models.check_all(chosen, on_done=seen.append)
+    verdicts = model_runs.check_all(chosen, on_done=seen.append)
     assert [v.problem for v in verdicts] == [None, None]
     assert all(v.ok for v in verdicts)
     assert [(v.model.cfg, v.outcome, v.property) for v in verdicts] == [
@@ -378,5 +378,5 @@ def test_an_interrupt_ends_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = [model("bare_ack", seconds=999.0), model("one_by_three"), model("two_by_one")]
     monkeypatch.setattr(tlc, "run", noted)
     with pytest.raises(KeyboardInterrupt):
-        models.check_all(chosen, on_done=interrupt)
+        model_runs.check_all(chosen, on_done=interrupt)
     assert set(ends) == {"TLC was stopped"}

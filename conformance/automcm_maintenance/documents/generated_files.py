@@ -26,7 +26,7 @@ from automcm_maintenance.documents import (
 from automcm_maintenance.documents.repository import ROOT
 from automcm_spec.compilation import compiler
 from automcm_spec.graph import oracle, oracle_generation
-from automcm_spec.model_checking import models
+from automcm_spec.model_checking import model_runs, models
 from automcm_spec.support import files, scratch
 from automcm_spec.vocabulary import json_schema
 from automcm_traces.format import log_schema
@@ -331,7 +331,7 @@ def _two_peer_pairs() -> str:
 def write(notify: Callable[[str], None], two_peers: bool = True) -> list[Path]:
     """Renew all generated files and return those that changed."""
     changed = []
-    verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
+    verdicts = model_runs.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
     for graph in oracle_generation.GRAPHS.values():
         if graph is oracle_generation.TWO_PEERS and not two_peers:
             continue

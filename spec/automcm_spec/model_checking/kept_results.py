@@ -16,11 +16,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.model_checking import models, tla_values, tlc, toolchain
+from automcm_spec.model_checking import model_runs, models, tla_values, tlc, toolchain
 from automcm_spec.support import files
 from automcm_spec.support.paths import TLA
 
-CODE = (models, tlc, toolchain, tla_values, sys.modules[__name__])
+CODE = (models, model_runs, tlc, toolchain, tla_values, sys.modules[__name__])
 """The code that starts TLC with its options, interprets its output, and keeps its results."""
 
 
@@ -32,7 +32,7 @@ def check_all(
     on_done: Callable[[models.Verdict], None],
     tla_dir: Path = TLA,
 ) -> None:
-    """As ``models.check_all``, but models with a kept result are not run.
+    """As ``model_runs.check_all``, but models with a kept result are not run.
 
     ``fresh`` runs them too. An expected result is kept under the key computed before TLC started,
     and only if the key is unchanged at the end, because TLC may have read either version. Results
@@ -54,7 +54,7 @@ def check_all(
                 _write(verdict, key, folder)
         on_done(verdict)
 
-    models.check_all(rest, on_done=done, tla_dir=tla_dir)
+    model_runs.check_all(rest, on_done=done, tla_dir=tla_dir)
 
 
 def _key(model: models.Model, tla_dir: Path) -> str | None:

@@ -4,7 +4,6 @@ import builtins
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -67,6 +66,9 @@ PROPERTIES = {
 
 #: The properties of System, which each model of it checks; together they are called S.
 SAFETY = tuple(f"S-{n}" for n in range(1, 9))
+
+#: The properties of behaviours that never end, which TLC checks by their fairness.
+LIVENESS = ("L-1", "L-2", "L-3", "L-4", "R-2")
 
 #: The modules of one station in an arbitrary environment.
 ALONE = ("Independence", "OpenStation", "ProbeStation", "StationProperties")
@@ -414,47 +416,3 @@ def _problem(
         if value != getattr(model, name)
     ]
     return "; ".join(wrong) or None
-
-
-def check_all(
-    models: Sequence[Model],
-    *,
-    jobs: int = 2,
-    on_done: Callable[[Verdict], None] | None = None,
-    tla_dir: Path = TLA,
-    heap_mb: int | None = None,
-    timeout_s: float | None = None,
-) -> list[Verdict]:
-    """Check the models, several at a time, the longest first; returns the verdicts in the given
-    order.
-
-    on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
-    remaining runs are killed.
-    """
-    order = sorted(models, key=lambda model: -model.seconds)
-    verdicts: dict[str, Verdict] = {}
-    stop = tlc.Stop()
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
-        futures = [
-            pool.submit(
-                check,
-                model,
-                tla_dir=tla_dir,
-                heap_mb=heap_mb,
-                timeout_s=timeout_s,
-                stop=stop,
-            )
-            for model in order
-        ]
-        try:
-            for future in as_completed(futures):
-                verdict = future.result()
-                verdicts[verdict.model.cfg] = verdict
-                if on_done:
-                    on_done(verdict)
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            stop.now()
-            raise
-    return [verdicts[model.cfg] for model in models]

@@ -136,13 +136,16 @@ def run(
     timeout_s: float | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_print: Callable[[str], None] | None = None,
+    on_violation: Callable[[str | None, Sequence[TraceState]], None] | None = None,
     stop: Stop | None = None,
     short: bool = False,
 ) -> Result:
     """Check a module of tla_dir with a cfg.
 
     short is for runs of a few seconds: Java then compiles fast instead of well, and uses one core.
-    on_print receives each line that the specification prints, immediately; lines are not kept. With
+    on_print receives each line that the specification prints, immediately; lines are not kept.
+    on_violation receives the property and the counterexample of each violation, of which there are
+    several only with the option -continue; the result has the last. With
     one worker, the counts, the depth and the counterexample are equal in every run. Raises TlcError
     for any result that is neither a clean pass nor a violation. In any case, afterwards Java is not
     running and has left nothing on disk.
@@ -167,7 +170,7 @@ def run(
             *("-config", str(cfg.resolve()), *extra, module),
         ]
         started = time.monotonic()
-        reader = _Reader(on_progress, on_print)
+        reader = _Reader(on_progress, on_print, on_violation)
         try:
             with (place / "stderr").open("w+b") as stderr:
                 code = execute(command, tla_dir, stderr, timeout_s, reader.read, stop=stop)
@@ -310,7 +313,9 @@ class _Reader:
         self,
         on_progress: Callable[[Progress], None] | None,
         on_print: Callable[[str], None] | None,
+        on_violation: Callable[[str | None, Sequence[TraceState]], None] | None = None,
     ) -> None:
+        self._on_violation = on_violation
         self._on_progress = on_progress
         self._on_print = on_print
         self._open: list[_Block] = []
@@ -358,7 +363,8 @@ class _Reader:
         if code in (_SANY_STARTS, _SANY_ENDS):
             self._in_sany = code == _SANY_STARTS
         elif code in _VIOLATIONS:
-            self._violation = block
+            self._tell()
+            self._violation, self._trace = block, []
             if code in _INITIALLY:
                 head, _, state = block.text.partition("\n")
                 block.lines = [head]
@@ -383,6 +389,17 @@ class _Reader:
             self._errors.append(block)
         if code not in _VIOLATIONS and self._open and self._open[-1].severity == 1:
             self._open[-1].code = code  # the inner message describes the error
+
+    def _tell(self) -> None:
+        """Pass the last violation on."""
+        if self._violation and self._on_violation:
+            self._on_violation(self._name, self._trace)
+
+    @property
+    def _name(self) -> str | None:
+        assert self._violation is not None
+        match = _VIOLATED.match(self._violation.text)
+        return match[1] if match else None
 
     def _progress(self, text: str) -> None:
         match = re.search(
@@ -410,12 +427,12 @@ class _Reader:
         """The result, once TLC has ended. Raises TlcError if it is not a verdict."""
         if error := self._error(cfg, code, complaint):
             raise error
+        self._tell()
         outcome: Outcome = "holds"
         name: str | None = None
         if self._violation:
             outcome = "violates"
-            match = _VIOLATED.match(self._violation.text)
-            name = match[1] if match else None
+            name = self._name
             if self._violation.code == _DEADLOCKED:
                 name = DEADLOCK
         return Result(
