@@ -134,6 +134,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return played
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.deep) for n in EDITS]
 )

@@ -22,12 +22,13 @@ ALLOWED = {("mutated_process.py", "exec"), ("conditions.py", "exec"), ("independ
 our own compiled lemmas."""
 
 
-@pytest.mark.parametrize(("name", "path"), NAMED, ids=lambda each: each)
-def test_each_test_that_is_named_is_there(name: str, path: str) -> None:
-    tree = ast.parse((ROOT / path).read_text())
-    assert name in {
-        node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    }
+def test_each_test_that_is_named_is_there() -> None:
+    texts = {path: (ROOT / path).read_text() for _, path in NAMED}
+    assert [
+        name
+        for name, path in NAMED
+        if f"\ndef {name}(" not in texts[path] and f"\nasync def {name}(" not in texts[path]
+    ] == []
 
 
 def test_each_row_has_a_test_or_says_that_nothing_is_done() -> None:

@@ -45,9 +45,13 @@ SLOW = ("the mark goes before the Fin is acknowledged",)
 """Those that take more than four seconds."""
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
-    "name", [pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW)) for b in BUGS]
+    "name",
+    [
+        pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW))
+        for b in sorted(BUGS, key=lambda b: BUGS[b].steps)
+    ],
 )
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
     """``python reference/tests/seeded_bugs.py`` tells what to write into the table if a change of
