@@ -30,8 +30,11 @@ def edit(folder: Path, old: str, new: str, name: str = models.LIST) -> None:
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
+LISTED = {m.cfg: m for m in models.load()}
+
+
 def model(cfg: str, **changes: object) -> Model:
-    return next(m for m in models.load() if m.cfg == cfg).model_copy(update=changes)
+    return LISTED[cfg].model_copy(update=changes)
 
 
 @cache
