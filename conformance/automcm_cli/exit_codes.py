@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from automcm_spec.support.bad_input import BadInput
+from automcm_spec.support.bad_input import BadInput, printable
 
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
 """Exit codes (``common.CODES``).  A shell reports 141 for a process that SIGPIPE ended."""
@@ -78,6 +78,24 @@ class _Errors(_Standard):
             return memoryview(data).nbytes
 
 
+class _Visible:
+    """A text stream on which no text controls the terminal; ``say`` also keeps it to its line.
+
+    Rich writes to ``rich_proxied_file``, for ``Terminal`` has escaped the text between its escape
+    sequences.
+    """
+
+    def __init__(self, stream: io.TextIOWrapper) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        """Write text with escapes for unprintable characters except line feeds."""
+        return self.rich_proxied_file.write(printable(text, "\n"))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
 def run(program: Callable[[], object]) -> int:
     """Run the program and return its exit code.  The program raises SystemExit or returns."""
     _open_closed_descriptors()
@@ -120,20 +138,24 @@ def _open_closed_descriptors() -> None:
             os.open(os.devnull, os.O_RDONLY)  # takes the lowest free number
 
 
-def _text(raw: _Standard, was: Any) -> io.TextIOWrapper:
+def _text(raw: _Standard, was: Any) -> Any:
     """A text stream on ``raw`` with the settings of ``was`` (None if the descriptor was closed)."""
     if was is None:
-        return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace")
+        return _Visible(
+            io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace")
+        )
     was.flush()
-    return io.TextIOWrapper(
-        raw if was.write_through else io.BufferedWriter(raw),
-        encoding=was.encoding,
-        errors=was.errors,
-        line_buffering=was.line_buffering,
-        write_through=was.write_through,
+    return _Visible(
+        io.TextIOWrapper(
+            raw if was.write_through else io.BufferedWriter(raw),
+            encoding=was.encoding,
+            errors=was.errors,
+            line_buffering=was.line_buffering,
+            write_through=was.write_through,
+        )
     )
 
 
 def _report_error(text: str, code: int) -> int:
-    print(f"automcm: {text}", file=sys.stderr)
+    print(f"automcm: {printable(text)}", file=sys.stderr)
     return code

@@ -11,7 +11,8 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
-from automcm_cli.shared.common import CODES
+from automcm_cli.shared.common import CODES, say
+from automcm_spec.support.bad_input import printable
 
 _MAINTENANCE = "automcm_maintenance"
 """The package of the commands that only a clone of the repository has."""
@@ -67,10 +68,18 @@ def _commands(modules: Sequence[str]) -> dict[str, Any]:
 
 
 class Group(TyperGroup):
-    """A group whose flags default to False.
+    """A group whose flags default to False, and whose usage errors are one line.
 
     For a default of None, typer imports pydantic, which takes 0.1 s.
     """
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command.  A usage error may contain the name of a file."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = printable(error.message)
+            raise
 
     def get_params(self, ctx: Any) -> list[Any]:
         """All parameters, including ``--help``."""
@@ -85,7 +94,7 @@ class Group(TyperGroup):
         found = super().get_command(ctx, name)
         if found is None and name in _ONLY_IN_A_CLONE:
             path = f"{ctx.command_path} {name}".partition(" ")[2]
-            typer.echo(
+            say(
                 f"{path}: only available in a clone of the repository, not in the installed "
                 "package",
                 err=True,

@@ -11,7 +11,7 @@ import typer
 from automcm_cli import exit_codes
 from automcm_cli.groups import Groups
 from automcm_cli.reference import demo_command, station_commands
-from automcm_cli.shared.common import CODES, example
+from automcm_cli.shared.common import CODES, example, say
 
 app = typer.Typer(
     name="automcm",
@@ -32,7 +32,7 @@ def _version(wanted: bool) -> None:
     from importlib.metadata import version
 
     if wanted:
-        typer.echo(f"automcm {version('automcm')}")
+        say(f"automcm {version('automcm')}")
         raise typer.Exit
 
 

@@ -16,7 +16,16 @@ from automcm_cli.shared.adapter_options import (
     fresh_folder,
     purposes_of,
 )
-from automcm_cli.shared.common import Json, code_3, console_of, example, progress, usage, write_json
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    say,
+    usage,
+    write_json,
+)
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support import files
 
@@ -191,12 +200,12 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
         findings = check(command, limit, notify)
     if write_json(json_, [checked.as_dict() for checked in findings]):
         for checked in findings:
-            typer.echo(f"{checked.level:>7}  {visible(checked.finding.observed)}")
+            say(f"{checked.level:>7}  {visible(checked.finding.observed)}")
             for name in ("sent", "answered"):
                 if text := getattr(checked, name):
-                    typer.echo(f"{name:>16}  {visible(text, limit=300)}")
+                    say(f"{name:>16}  {visible(text, limit=300)}")
             for line in checked.stderr:
-                typer.echo(f"{'stderr':>16}  {visible(line, limit=300)}")
+                say(f"{'stderr':>16}  {visible(line, limit=300)}")
     raise typer.Exit(1 if any(checked.level == "error" for checked in findings) else 0)
 
 
@@ -215,10 +224,11 @@ def new(
     with code_3("new", OSError), usage(ValueError, FileExistsError):
         written = create(language, folder)
     for path in written:
-        typer.echo(path)
-    typer.echo("\nNext:")
+        say(path)
+    say()
+    say("Next:")
     for command in next_commands(language, folder):
-        typer.echo(f"    {command}")
+        say(f"    {command}")
 
 
 @app.command("report", epilog=example("conform report a.json b.json --html both.html"))
@@ -231,4 +241,4 @@ def report_side_by_side(
 
     with code_3("report", ValueError, OSError):
         files.write(html, report_.html([report_.load(path) for path in reports]))
-    typer.echo(html)
+    say(html)

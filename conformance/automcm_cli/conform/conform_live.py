@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.adapter_options import COMMAND, Limit
-from automcm_cli.shared.common import Json, code_3, console_of, progress, usage, write_json
+from automcm_cli.shared.common import Json, code_3, console_of, progress, say, usage, write_json
 from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
 from automcm_cli.shared.parameter_options import chosen
 from automcm_conformance.adapter.process import LIMIT_S
@@ -92,7 +92,7 @@ def live(
             session.virtual_run = virtual_run(oracle, adapter, parameters)
         notify(f"listening for station {station}")
         if not session.heard(FIRST_CAM_MS):
-            typer.echo(
+            say(
                 f"live: no CAM of station {station} on {broadcast} within {FIRST_CAM_MS} ms",
                 err=True,
             )
@@ -175,7 +175,8 @@ def _show(judged: list[LiveResult], console: Console) -> None:
     for case in judged:
         console.print(f"{case.verdict:<6}  {case.case:<16} {case.reason}", markup=False)
     for case in [case for case in judged if case.reason][:3]:
-        console.print(f"\n{case.verdict} {case.case}: {case.then}", markup=False)
+        console.print()
+        console.print(f"{case.verdict} {case.case}: {case.then}", markup=False)
         for line in case.lines:
             text = f"{line.now:>8}  {line.who:<8} {line.text}"
             console.print(text, markup=False, highlight=False)

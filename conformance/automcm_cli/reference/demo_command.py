@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.reference.station_commands import CloseEarly
-from automcm_cli.shared.common import Json, code_3, write_json
+from automcm_cli.shared.common import Json, code_3, say, write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -76,10 +76,11 @@ def demo(
 @contextmanager
 def _live(shown: Demo) -> Iterator[None]:
     """A table that shows the events as they occur, on a terminal; no output to a pipe."""
-    from rich.console import Console
     from rich.live import Live
 
-    console = Console(stderr=True)
+    from automcm_cli.shared.terminal import Terminal
+
+    console = Terminal(stderr=True)
     if not console.is_terminal:
         yield
         return
@@ -106,14 +107,14 @@ def table(shown: Demo) -> Table:
 def _summary(shown: Demo) -> None:
     for v in shown.vehicles:
         way = " > ".join(step.replace(" ", " (") + ")" for step in v.way)
-        typer.echo(f"{v.name} (station {v.station_id}): {way}{' > killed' if v.killed else ''}")
-        typer.echo(f"  indications: {', '.join(v.indications) or 'none'}")
+        say(f"{v.name} (station {v.station_id}): {way}{' > killed' if v.killed else ''}")
+        say(f"  indications: {', '.join(v.indications) or 'none'}")
         sent = ", ".join(f"{n} {name}" for name, n in sorted(v.sent.items()))
-        typer.echo(f"  sent: {sent or 'nothing'}, and CAMs")
+        say(f"  sent: {sent or 'nothing'}, and CAMs")
     for verdict in shown.verdicts:
-        typer.echo(f"{verdict.file}: {verdict.verdict}, {verdict.events} events")
-    typer.echo(f"datagrams: {shown.delivered} delivered, {shown.lost} lost; {shown.seconds:.1f} s")
+        say(f"{verdict.file}: {verdict.verdict}, {verdict.events} events")
+    say(f"datagrams: {shown.delivered} delivered, {shown.lost} lost; {shown.seconds:.1f} s")
     for problem in shown.problems:
-        typer.echo(problem, err=True)
+        say(problem, err=True)
     if not shown.problems:
-        typer.echo("ended as described")
+        say("ended as described")

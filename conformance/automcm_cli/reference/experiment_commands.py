@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, progress, usage, write_json
+from automcm_cli.shared.common import Json, code_3, example, progress, say, usage, write_json
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def render(
             raise ExperimentError(f"{folder}: no subfolder contains {report.RESULTS}")
         for path in found:
             for written in report.write(report.load(path), path.parent):
-                typer.echo(f"written {written}")
+                say(f"written {written}")
 
 
 def _run(
@@ -150,11 +150,11 @@ def _run(
             whole = out.with_suffix(".md")
             files.write(whole, report.evaluation(out))
             if str(json_) != "-":
-                typer.echo(f"written {whole}")
+                say(f"written {whole}")
     write_json(json_, reports)
     broken = [text for one in reports for text in one["summary"].get("broken", [])]
     for text in broken:
-        typer.echo(f"BROKEN: {text}", err=True)
+        say(f"BROKEN: {text}", err=True)
     raise typer.Exit(1 if broken else 0)
 
 
@@ -178,8 +178,8 @@ def _counted(name: str, notify: Callable[[str], None]) -> Callable[[int, int], N
 
 
 def _show(report: Values, cells: int, took: float, written: list[str], folder: Path) -> None:
-    typer.echo(f"{report['experiment']}: {cells} cells, {took:.0f} s")
+    say(f"{report['experiment']}: {cells} cells, {took:.0f} s")
     for claim in report["claims"]:
-        typer.echo(f"  {claim['verdict']}: {claim['claim']}")
-        typer.echo(f"    paper: {claim['paper']}; here: {claim['here']}")
-    typer.echo(f"  written to {folder}: {', '.join(written)}")
+        say(f"  {claim['verdict']}: {claim['claim']}")
+        say(f"    paper: {claim['paper']}; here: {claim['here']}")
+    say(f"  written to {folder}: {', '.join(written)}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, unknown, usage, write_json
+from automcm_cli.shared.common import Json, code_3, example, say, unknown, usage, write_json
 
 if TYPE_CHECKING:
     from automcm.security.certificates import Certificate
@@ -47,7 +47,7 @@ def authority(folder: Authority, json_: Json = None) -> None:
 
         made = AuthorityFolder.create(folder)
     if write_json(json_, {"authority": made.public.stem, "public": str(made.public)}):
-        typer.echo(f"authority {made.public.stem}; its public key: {made.public}")
+        say(f"authority {made.public.stem}; its public key: {made.public}")
 
 
 @app.command(epilog=example("keys issue authority keys-7 --id 7"))
@@ -108,7 +108,7 @@ def issue(
                     **valid,
                 )
     if write_json(json_, {"folder": str(folder)} | _as_dict(made)):
-        typer.echo(f"{folder}: {_text(_as_dict(made))}")
+        say(f"{folder}: {_text(_as_dict(made))}")
 
 
 @app.command(epilog=example("keys show keys-7"))
@@ -138,9 +138,9 @@ def show(
     what = ISSUED if own is None else "certificate"
     if write_json(json_, {"folder": str(folder), what: shown, "authorities": authorities}):
         for each in shown:
-            typer.echo(f"{what}: {_text(each)}")
+            say(f"{what}: {_text(each)}")
         for name in authorities:
-            typer.echo(f"authority: {name}")
+            say(f"authority: {name}")
     raise typer.Exit(own is not None and shown[0]["status"] != VALID)
 
 
@@ -177,8 +177,8 @@ def revoke(
         whole = signer.revoke([bytes.fromhex(name) for name in names], int(time.time()))
     found = {"list": str(signer.revoked_list), "revoked": sorted(each.hex() for each in whole)}
     if write_json(json_, found):
-        typer.echo(f"revoked: {', '.join(sorted(names))}")
-        typer.echo(f"copy {signer.revoked_list} to authorities/ of every station")
+        say(f"revoked: {', '.join(sorted(names))}")
+        say(f"copy {signer.revoked_list} to authorities/ of every station")
 
 
 VALID = "valid"

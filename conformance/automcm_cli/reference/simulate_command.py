@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, progress, write_json
+from automcm_cli.shared.common import Json, code_3, example, progress, say, write_json
 from automcm_spec.support import children, files
 
 if TYPE_CHECKING:
@@ -68,18 +68,18 @@ def lane_change(
     report = _report(drive)
     if write_json(json_, report | {"plots": [str(path) for path in plots]}):
         for line in report["story"]:
-            typer.echo(f"{line['t_s']:6.2f} s  {line['vehicle']:<10}  {line['what']}")
+            say(f"{line['t_s']:6.2f} s  {line['vehicle']:<10}  {line['what']}")
         for name, end in report["vehicles"].items():
-            typer.echo(
+            say(
                 f"{name:<10}  lane {end['lane']}, {end['x_m']:.0f} m, slowest "
                 f"{end['slowest_kmh']:.1f} km/h, hardest braking {end['hardest_braking']:.1f} m/s²"
             )
         for path in plots:
-            typer.echo(f"written {path}")
+            say(f"written {path}")
         if not plots:
-            typer.echo("no plots were written: install automcm[plot]", err=True)
+            say("no plots were written: install automcm[plot]", err=True)
         if not report["done"]:
-            typer.echo(f"the lane change was not completed within {seconds:g} s", err=True)
+            say(f"the lane change was not completed within {seconds:g} s", err=True)
     raise typer.Exit(0 if report["done"] else 1)
 
 
@@ -139,14 +139,14 @@ def drives(
     if write_json(json_, report):
         for sigma, outcomes in errors.items():
             counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
-            typer.echo(f"sigma {sigma} m      {counts}")
+            say(f"sigma {sigma} m      {counts}")
         for kind, figures in kinds.items():
             counts = ", ".join(f"{number} {name}" for name, number in figures.items())
-            typer.echo(f"{kind:<16} {counts}")
+            say(f"{kind:<16} {counts}")
         for each in bad:
             room = "-" if each["room_m"] is None else f"{each['room_m']} m"
             braking = f"braking {each['braking']} m/s²"
-            typer.echo(
+            say(
                 f"seed {each['seed']}, {each['kind']}, sigma {each['sigma']} m: "
                 f"room {room}, {braking}"
             )

@@ -16,6 +16,7 @@ import typer
 from automcm_cli.shared.common import code_3, usage
 from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
 from automcm_cli.shared.parameter_options import chosen
+from automcm_spec.support.bad_input import printable
 
 if TYPE_CHECKING:
     from automcm.bridge.websocket_bridge import WebSocketBridge
@@ -66,7 +67,7 @@ class Lines:
 
     def complain(self, text: str) -> None:
         """One line on standard error."""
-        self._err.write(f"{self._name}: {text}\n".encode(errors="backslashreplace"))
+        self._err.write(f"{self._name}: {printable(text)}\n".encode())
 
     def finish(self) -> None:
         """Write the pending lines for up to FINISH_S."""

@@ -16,6 +16,7 @@ from automcm_cli.shared.common import (
     console_of,
     example,
     progress,
+    say,
     table_of,
     unknown,
     usage,
@@ -220,18 +221,19 @@ def _say_sweep(summary: dict[str, Any], bad: Sequence[dict[str, Any]]) -> None:
         table.add_row(name, *(str(row[each]) for each in COLUMNS))
     console_of(130).print(table)
     for run in bad:
-        typer.echo(f"{run['scenario']}, seed {run['seed']}: {'; '.join(run['wrong'])}")
-        typer.echo(f"  {run['command']}")
+        say(f"{run['scenario']}, seed {run['seed']}: {'; '.join(run['wrong'])}")
+        say(f"  {run['command']}")
 
 
 class _Bar:
     """A progress bar of the simulated time on a terminal; nothing in a pipe."""
 
     def __init__(self, duration_s: float) -> None:
-        from rich.console import Console
         from rich.progress import Progress
 
-        console = Console(stderr=True)
+        from automcm_cli.shared.terminal import Terminal
+
+        console = Terminal(stderr=True)
         self._progress = Progress(console=console, transient=True, disable=not console.is_terminal)
         self._task = self._progress.add_task("simulated seconds", total=duration_s)
 
@@ -271,28 +273,28 @@ def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
     from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 
     collisions, sessions, radio = record["collisions"], record["sessions"], record["radio"]
-    typer.echo(
+    say(
         f"collisions  {collisions['between_equipped']} between equipped vehicles, "
         f"{collisions['by_maneuver']} by a maneuver, {collisions['with_pedestrian']} with a "
         f"pedestrian, {collisions['all']} in all"
     )
     if record["hazards"] is not None:
         lengths = [ms for each in record["hazards"]["lengths"].values() for ms in each]
-        typer.echo(
+        say(
             f"hazards     {len(lengths)}, longest {max(lengths, default=0)} ms, "
             f"{number_wrong(record['hazards'])} unexcused (S-5) or beyond "
             f"B = {record['hazards']['bound_ms']} ms (T-2)"
         )
-    typer.echo(
+    say(
         f"sessions    {sessions['requested']} requested, {sessions['agreed']} agreed, "
         f"{sessions['completed']} completed"
     )
-    typer.echo(
+    say(
         f"radio       {radio['sent_bytes']} bytes; 95 % of CAMs at most "
         f"{radio['cam_age_ms']['p95']} ms old, longest delay {radio['longest_delay_ms']} ms"
     )
     if record["hazards"] and radio["longest_delay_ms"] >= longest_delay(DEFAULTS):
-        typer.echo(f"            T-2 and TLC assume less than {longest_delay(DEFAULTS)} ms")
+        say(f"            T-2 and TLC assume less than {longest_delay(DEFAULTS)} ms")
     for what, number in record["outcome"].items():
-        typer.echo(f"  {number:4}  {what}")
-    typer.echo(f"written     {out / 'record.json'}, the logs" + (f", {page}" if page else ""))
+        say(f"  {number:4}  {what}")
+    say(f"written     {out / 'record.json'}, the logs" + (f", {page}" if page else ""))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -42,6 +43,21 @@ def example(command: str, more: str = "") -> str:
     return f"Example: automcm {command}.  {more}{CODES}"
 
 
+def say(line: object = "", *, err: bool = False) -> None:
+    """Print one line, with escapes for all characters that could end it or control a terminal.
+
+    Commands print text with it or on a ``Terminal``, since much of it is from logs, adapters,
+    certificates and file names.
+    """
+    typer.echo(printable(str(line)), err=err)
+
+
+def say_lines(text: str, *, err: bool = False) -> None:
+    """Print a text whose line feeds are ours."""
+    for line in text.split("\n"):
+        say(line, err=err)
+
+
 @contextmanager
 def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
     """Exit with code 3 and a one-line message if one of these errors is raised.
@@ -51,9 +67,10 @@ def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
     try:
         yield
     except errors as error:
-        typer.echo(f"{command}: {error}", err=True)
+        put = say_lines if getattr(error, "own_lines", False) else say
+        put(f"{command}: {error}", err=True)
         for line in getattr(error, "stderr", ()):
-            typer.echo(f"  {line!r}", err=True)
+            say(f"  {line!r}", err=True)
         raise typer.Exit(3) from None
 
 
@@ -92,9 +109,9 @@ def write_json(target: Path | None, value: Any) -> bool:
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """A status line on a terminal; no output to a pipe."""
-    from rich.console import Console
+    from automcm_cli.shared.terminal import Terminal
 
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if not console.is_terminal:
         yield lambda text: None
         return
@@ -104,10 +121,10 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 def console_of(columns: int = 100) -> Console:
     """A console as wide as the terminal, or of this many columns without a terminal."""
-    from rich.console import Console
+    from automcm_cli.shared.terminal import Terminal
 
-    console = Console()
-    return console if console.is_terminal else Console(width=columns)
+    console = Terminal()
+    return console if console.is_terminal else Terminal(width=columns)
 
 
 def table_of(*columns: str, words: int = 1) -> Table:

@@ -7,7 +7,17 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, progress, unknown, usage, write_json
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    example,
+    progress,
+    say,
+    say_lines,
+    unknown,
+    usage,
+    write_json,
+)
 
 app = typer.Typer()
 
@@ -32,7 +42,7 @@ def spec_list(profile: Profile = None, property_: Property = None, json_: Json =
         json_, [model.model_dump(exclude={"config"}, exclude_none=True) for model in models]
     ):
         for model in models:
-            typer.echo(spec_.described(model))
+            say_lines(spec_.described(model))
 
 
 @app.command("check", epilog=example("spec check rejoin --json -"))
@@ -74,7 +84,7 @@ def spec_check(
         tlc.tools()  # once, not for each model
     with code_3("check", OSError):
         for line in [spec_.kept(model) for model in asked] if keep else ():
-            typer.echo(line, err=True)
+            say(line, err=True)
     verdicts = []
     changed = spec_.specification_changed()
     try:
@@ -82,15 +92,15 @@ def spec_check(
             with progress() as notify:
                 verdicts.append(spec_.check(model, notify, timeout, heap))
             if str(json_) != "-":
-                typer.echo(spec_.shown(verdicts[-1], changed))
+                say_lines(spec_.shown(verdicts[-1], changed))
             with code_3("check", OSError):
                 if verdicts[-1].trace:
                     path = spec_.write_trace(verdicts[-1], traces)
-                    typer.echo(f"written: {path}", err=True)
+                    say(f"written: {path}", err=True)
     finally:
         write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
     if changed and (text := spec_.not_covered(verdicts)):
-        typer.echo(text, err=str(json_) == "-")
+        say_lines(text, err=str(json_) == "-")
     raise typer.Exit(spec_.exit_code(verdicts))
 
 
@@ -142,7 +152,7 @@ def spec_simulate(
                 on_progress=lambda n: notify(f"{name}: {n:,} behaviours"),
             )
     if write_json(json_, found.as_dict()):
-        typer.echo(walks_.shown(found))
+        say_lines(walks_.shown(found))
     raise typer.Exit(found.exit_code)
 
 

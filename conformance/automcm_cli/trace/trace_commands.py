@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.adapter_options import WithCommand
-from automcm_cli.shared.common import Json, Late, example, write_json
+from automcm_cli.shared.common import Json, Late, example, say, say_lines, write_json
 from automcm_cli.trace import (
     trace_edit,
     trace_export,
@@ -71,13 +71,13 @@ def explain(
     if str(json_) != "-":
         start_ms = None if absolute else explain_.start_times(verdicts)
         for verdict, where, kinds, log in zip(verdicts, written, errors, logs, strict=True):
-            typer.echo(explain_.text(verdict, start_ms))
+            say_lines(explain_.text(verdict, start_ms))
             for line in lint_.errors_text(kinds, log):
-                typer.echo(f"  {line}")
+                say(f"  {line}")
             for name, value in where.items():
-                typer.echo(f"  {name}: {value}")
+                say(f"  {name}: {value}")
         if system is not None:
-            typer.echo(system.text(start_ms, matrix))
+            say_lines(system.text(start_ms, matrix))
     code = explain_.exit_code(verdicts)
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
@@ -102,7 +102,7 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
         taken = {Path(other["prefix"]) for other in before if other}
         path = prefix(verdict, out, taken, log)
     except OSError as error:
-        typer.echo(f"explain: the failing prefix could not be written: {error}", err=True)
+        say(f"explain: the failing prefix could not be written: {error}", err=True)
         return {}
     again = {} if verdict.judged_from else {"replay": replay(path)}  # from the station's start only
     return {"prefix": str(path)} | again

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
+from automcm_cli.shared.common import Json, Late, code_3, progress, say, write_json
 from automcm_cli.trace.trace_logs import Logs, files_of, two_numbers
 from automcm_spec.support import files
 
@@ -45,7 +45,7 @@ def shrink(
             found = shrink_.shrink(logs, late_ms=late, tries=tries, on_progress=status)
             written = _written(found, logs, out)
     except shrink_.NothingToShrink as error:
-        typer.echo(f"shrink: {error}", err=True)
+        say(f"shrink: {error}", err=True)
         raise typer.Exit(error.code) from None
     report = found.as_dict()
     for one, path in zip(report["logs"], written, strict=True):
@@ -53,15 +53,15 @@ def shrink(
     if not write_json(json_, report):
         return
     for line in found.text():
-        typer.echo(line)
+        say(line)
     rows = found.rows()
     if len(rows) <= ROWS:
         stations = [log.header.station for log in found.logs]
         first = {row.station: row.event.t_ms for row in reversed(rows) if row.event is not None}
         for line in columns(rows, stations, start_ms=starts(first)):
-            typer.echo(f"  {line}".rstrip())
+            say(f"  {line}".rstrip())
     with_late = [] if late is None else ["--late", str(late)]
-    typer.echo(shlex.join(["automcm", "trace", "explain", *with_late, *map(str, written)]))
+    say(shlex.join(["automcm", "trace", "explain", *with_late, *map(str, written)]))
 
 
 def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
@@ -116,7 +116,7 @@ def compare(
         found = diff_.diff(logs, others, pairs)
     if write_json(json_, found.as_dict()):
         for line in diff_.text(found, times, width):
-            typer.echo(line)
+            say(line)
     raise typer.Exit(0 if found.same else 1)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, write_json
+from automcm_cli.shared.common import Json, code_3, say, write_json
 from automcm_cli.trace.trace_logs import files_of
 from automcm_spec.support import files
 
@@ -57,9 +57,7 @@ def itf(
     after a step.
     """
     if file.is_dir():
-        typer.echo(
-            f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True
-        )
+        say(f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True)
         raise typer.Exit(3)
     make = _itf_of if file.suffix == ".ndjson" else _logs_of
     _write("itf", lambda: make(file), out, json_)
@@ -95,11 +93,12 @@ def _write(
                     )
                 files.write(path, data)
     except CannotTell as error:
-        typer.echo(f"{command}: CANNOT TELL: {error}", err=True)
+        say(f"{command}: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
     written = list(map(str, contents))
     if write_json(json_, {"written": written}):
-        typer.echo("\n".join(written))
+        for name in written:
+            say(name)
 
 
 def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[str, bytes]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, write_json
+from automcm_cli.shared.common import Json, Late, code_3, say, write_json
 from automcm_cli.trace.trace_edit import station_pairs
 from automcm_cli.trace.trace_logs import files_of, two_numbers
 from automcm_spec.support import files, scratch
@@ -92,7 +92,7 @@ def html(
         files.write(out, data, named=True)
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
     if write_json(json_, about | judged(page)):
-        typer.echo(f"{out}: {len(page.nodes)} events, {len(data)} bytes")
+        say(f"{out}: {len(page.nodes)} events, {len(data)} bytes")
 
 
 def page_of(

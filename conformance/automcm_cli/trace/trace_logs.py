@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
+from automcm_cli.shared.common import Json, Late, code_3, progress, say, say_lines, write_json
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def lint(
     for path in files_of("lint", logs):
         reports.append(lint_.report(path, most))
         if str(json_) != "-":
-            typer.echo(lint_.text(reports[-1]))
+            say_lines(lint_.text(reports[-1]))
     code = lint_.exit_code(reports)
     write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
     raise typer.Exit(code)
@@ -143,9 +143,9 @@ def show(
         paths = files_of("show", logs)
         together = show_.Logs(paths)
     for warning in together.warnings:
-        typer.echo(f"show: warning: {warning}", err=True)
+        say(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
-        typer.echo(f"show: warning: no log of station {missing}", err=True)
+        say(f"show: warning: no log of station {missing}", err=True)
     shown = show_.FilteredRows(together, wanted, last)
     if json_ is not None:
         write_json(json_, {"rows": [row.as_dict() for row in shown]})
@@ -153,7 +153,7 @@ def show(
         stations = sorted(wanted.stations & {*together.stations}) or together.stations
         _print(shown, stations, width, paths, absolute, all_)
         if wanted.hidden_cams:
-            typer.echo(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
+            say(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
     raise typer.Exit(0 if shown.good else 3)
 
 
@@ -165,13 +165,13 @@ def _print(
     absolute: bool,
     all_: bool,
 ) -> None:
-    from rich.console import Console
     from rich.text import Text
 
+    from automcm_cli.shared.terminal import Terminal
     from automcm_traces.explain.log_columns import Table, first_times, folds
     from automcm_traces.format.event_text import starts
 
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     first_ms = first_times(logs)
     table = Table(
         stations,
@@ -184,7 +184,7 @@ def _print(
         if console.is_terminal and not console.no_color:
             console.print(Text(line, STYLES[kind]), soft_wrap=True)
         else:
-            typer.echo(line)
+            say(line)
 
     for line in table.head():
         put("note", line)
@@ -236,7 +236,7 @@ def coverage(
             files.write(html, page(found), named=True)
     if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
-            typer.echo(line)
+            say(line)
     raise typer.Exit(coverage_.exit_code(found))
 
 

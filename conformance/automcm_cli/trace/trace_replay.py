@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.adapter_options import Limit, command_of
-from automcm_cli.shared.common import Json, code_3, write_json
+from automcm_cli.shared.common import Json, code_3, say, write_json
 from automcm_conformance.adapter.process import LIMIT_S
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def replay(
             raise
     if write_json(json_, result.as_dict()):
         for text in _text(result):
-            typer.echo(visible(text, limit=LONGEST))
+            say(visible(text, limit=LONGEST))
     raise typer.Exit(result.exit_code)
 
 

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Late, code_3, usage
+from automcm_cli.shared.common import Late, code_3, say_lines, usage
 from automcm_cli.shared.network_options import Remote
 
 if TYPE_CHECKING:
@@ -171,10 +171,11 @@ class _Sources:
 @contextmanager
 def _output(json_: Path | None) -> Iterator[Callable[[Iterable[Report]], None]]:
     """A function that writes reports at once: as text, as JSON, or both."""
-    from rich.console import Console
     from rich.text import Text
 
-    console = Console(highlight=False)
+    from automcm_cli.shared.terminal import Terminal
+
+    console = Terminal(highlight=False)
     text = str(json_) != "-"
     with ExitStack() as stack:
         out: IO[str] | None = None if text else sys.stdout
@@ -192,7 +193,7 @@ def _output(json_: Path | None) -> Iterator[Callable[[Iterable[Report]], None]]:
                     style = "" if console.no_color else STYLES.get(one.what, "")
                     console.print(Text(one.text, style), soft_wrap=True)
                 elif one.what not in ("begun", "waiting"):
-                    typer.echo(one.text)
+                    say_lines(one.text)
                     sys.stdout.flush()
 
         yield put

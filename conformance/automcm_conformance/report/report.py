@@ -25,7 +25,7 @@ from automcm_conformance.exchange.results import (
     Verdict,
 )
 from automcm_spec.support import files
-from automcm_spec.support.bad_input import BadInput
+from automcm_spec.support.bad_input import BadInput, printable
 from automcm_spec.support.templates import environment
 from automcm_traces.checker.finding import At, Finding, Why
 from automcm_traces.format.log import TimerEnd
@@ -180,14 +180,10 @@ def html(reports: list[Report]) -> str:
 def visible(text: str, lines: bool = False, limit: int = LIMIT) -> str:
     """A text that is safe to show.
 
-    Characters that are not printable (control characters, direction marks, lone surrogates) become
-    Python escapes; ``lines`` keeps line feeds and tabs.  Text beyond ``limit`` characters is cut.
+    Characters are escaped by ``printable``; ``lines`` keeps line feeds and tabs.  Text beyond
+    ``limit`` characters is cut.
     """
-    keep = "\n\t" if lines else ""
-    shown = "".join(
-        char if char.isprintable() or char in keep else char.encode("unicode_escape").decode()
-        for char in text[:limit]
-    )
+    shown = printable(text[:limit], "\n\t" if lines else "")
     rest = len(text) - limit
     return f"{shown} … ({rest:,} characters more)" if rest > 0 else shown
 

@@ -29,6 +29,8 @@ class TlcError(Exception):
     is the text of the state, and nested lists the places of the expressions; each may be missing.
     """
 
+    own_lines = True
+    """Line feeds in the text are TLC's own (``automcm_cli.shared.common.code_3``)."""
     partial: "Progress | None" = None
     state: str | None = None
     nested: str = ""

@@ -47,9 +47,12 @@ def at_line(file: str, line: int) -> str:
     return f"{file}:{line}" if line else file
 
 
-def printable(text: str) -> str:
-    """`text` with escapes for unprintable characters."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+def printable(text: str, keep: str = "") -> str:
+    """`text` with escapes for unprintable characters (controls, marks of direction, surrogates),
+    except those in ``keep``."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else ascii(c)[1:-1] for c in text)
 
 
 def one_line(text: str) -> str:

@@ -24,6 +24,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from typing_extensions import TypeAliasType
 
+from automcm_spec.support.bad_input import printable
+
 BROADCAST = 0
 LIMIT = 2**53 - 1
 """The largest integer that every JSON reader represents exactly; the smallest is its negative."""
@@ -367,9 +369,8 @@ def refusal(error: ValidationError, *outer: str) -> MessageError:
 
 def short(place: str, problem: str) -> str:
     """One line of at most 200 printable characters, whatever the input contains."""
-    text = f"{place}: {problem}"
-    text = text if len(text) <= 200 else text[:199] + "…"
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+    text = printable(f"{place}: {problem}"[:200])
+    return text if len(text) < 200 else text[:199] + "…"
 
 
 def encode(message: Message | Cam) -> bytes:

@@ -148,7 +148,7 @@ class Watch:
         if len(self._paths) > 1:
             found = [explain.explained(path, self._late_ms) for path in self._paths]
             self._together = explain.together(found)
-            text = _printable(self._together.text(self._start_ms))
+            text = self._together.text(self._start_ms)
             reports.append(Report("together", text, self._together.as_dict()))
         return reports
 
@@ -190,7 +190,3 @@ class Watch:
 def note(file: str, text: str) -> Report:
     """A note about a file."""
     return Report("note", printable(f"{file}: {text}"), {"file": file, "text": text})
-
-
-def _printable(text: str) -> str:
-    return "\n".join(map(printable, text.split("\n")))

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import DEFAULTS
 from automcm_traces.format.log import Receive
@@ -122,7 +123,7 @@ class Hazard:
                 "cannot_tell": "cannot tell",
             }[self.outcome]
             lines.append(f"  T-2 bound {self.bound.text}: {verdict}")
-        return "\n".join([*lines, f"  {self.why}"] if self.why else lines)
+        return "\n".join(map(printable, [*lines, f"  {self.why}"] if self.why else lines))
 
 
 class CannotJudge(Exception):

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Literal
 
+from automcm_spec.support.bad_input import printable
 from automcm_traces.format.reader import Log
 from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
@@ -67,7 +68,7 @@ class PropertyResult:
         """The outcome as text, with the places."""
         word = {"holds": "holds", "violated": "VIOLATED", "cannot_tell": "cannot tell"}
         lines = [f"{self.property} {word[self.outcome]}: {NAMES[self.property]}"]
-        return "\n".join([*lines, *(f"  {where}" for where in self.where)])
+        return "\n".join(map(printable, [*lines, *(f"  {where}" for where in self.where)]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +143,7 @@ class SystemReport:
         between each two stations, by fate.
         """
         if self.problem:
-            return f"together: CANNOT TELL: {self.problem}"
+            return printable(f"together: CANNOT TELL: {self.problem}")
         word = {
             "allowed": "ALLOWED",
             "hazard": "ALLOWED, shows a hazard (fault)",
@@ -164,6 +165,7 @@ class SystemReport:
         for where, names in undecided.items():
             lines.append(f"cannot tell: {', '.join(names)}: {'; '.join(where)}")
         lines += [f"together, run {self.run}: {word}", *self.forged, *self.cycles]
+        lines = [printable(line) for line in lines]
         lines += [j.text() for j in self.properties if j.outcome == "violated"]
         return "\n".join([*lines, *(h.text(zero) for h in self.hazards)])
 
