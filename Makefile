@@ -20,7 +20,7 @@ unexport PYTHONDONTWRITEBYTECODE
 verify: ready
 	@$(BIN)/automcm verify $(ARGS)
 
-# Before a commit: lint, types, and the quick tests, in two minutes.
+# Before a commit: lint, types, and the quick tests.
 test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .

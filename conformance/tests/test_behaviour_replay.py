@@ -44,6 +44,7 @@ def test_the_same_seed_gives_the_same_behaviours(behaviours: list[Behaviour]) ->
     assert tlc_simulation.behaviours(12, 40, 7, lively=True) == behaviours
 
 
+@pytest.mark.slow
 def test_a_missing_rule_shows(behaviours: list[Behaviour]) -> None:
     rows = without("ADV-3")
     answers = [replay(b, lambda: Reference(tlc_simulation.CONSTANTS, rows)) for b in behaviours]

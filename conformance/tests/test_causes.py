@@ -28,12 +28,11 @@ CASES = {
 LINES = 10
 
 
-@pytest.mark.parametrize(
-    "bug", [pytest.param(b, marks=[pytest.mark.slow] * (b != "no_ack_of_a_copy")) for b in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("bug", CASES)
 def test_the_first_entry_names_the_rule_and_the_cause(conform: Suite, bug: str) -> None:
     rule, operator, says = CAUSES[bug]
-    found = conform(broken(bug), *CASES[bug], states=60)
+    found = conform(broken(bug), *CASES[bug])
     first = found.causes[0]
     shown = first.shown
     assert (first.verdict, shown.rule, shown.operator) == ("FAIL", rule, operator)
@@ -111,6 +110,7 @@ def test_a_slow_adapter_is_named(conform: Suite) -> None:
     assert "Note: the adapter is slow" in printed(lambda c: terminal_report.summary(found, c))
 
 
+@pytest.mark.slow
 def test_act_5_a_cam_that_was_due_before_has_no_new_mark(conform: Suite) -> None:
     code = """
 def answer(c):

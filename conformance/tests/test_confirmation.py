@@ -41,14 +41,15 @@ lines = 0
 def answer(c):
     global lines
     lines += 1
-    if lines > 400:
+    if lines > 700:
         sys.exit("out of buffers")
     return right(c)
 """
 
 
+@pytest.mark.slow
 def test_a_used_process_that_ends_is_an_error(conform: Suite) -> None:
-    found = conform(station(ENDS), BUSY, states=60)
+    found = conform(station(ENDS), BUSY)
     case = of(found, BUSY)
     assert (case.verdict, found.exit_code) == ("ERROR", 3) and case.reason.startswith(KEPT)
     shown = found.causes[0].shown

@@ -229,6 +229,7 @@ def test_a_station_id_that_is_on_the_air_is_refused() -> None:
     assert done.returncode == 3 and "station_id 7 is in use by another station" in done.stderr
 
 
+@pytest.mark.slow
 def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) -> None:
     kept, idle = tmp_path / "number", tmp_path / "idle"
     args = ["station", "--id", "9", "--listen", "0", "--for", "300"]

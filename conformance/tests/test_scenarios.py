@@ -55,7 +55,7 @@ def test_the_suite_has_these_cases() -> None:
     assert cases == set(NAMES)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reference_passes(name: str, tmp_path: Path) -> None:
     outcome = run(name, REFERENCE, tmp_path)
@@ -73,7 +73,7 @@ def test_the_command_passes(tmp_path: Path) -> None:
     assert run("scenario all arrives", cli_stage.REFERENCE, tmp_path).verdict == "PASS"
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", BREAKS)
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
     scenario, rule = BREAKS[name]

@@ -62,6 +62,7 @@ def test_without_messages_the_receiver_stops(tmp_path: Path) -> None:
     assert code == 0 and json.loads(said)["vehicles"]["B"]["slowest_kmh"] == 0
 
 
+@pytest.mark.slow
 def test_drives_are_counted_by_what_b_does() -> None:
     code, said = run("simulate", "drives", "--drives", "4", "--json", "-")
     report = json.loads(said)

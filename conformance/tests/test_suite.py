@@ -191,6 +191,7 @@ for line in sys.stdin.buffer:
     assert found.problems == ["the adapter did not exit within 1 s of stop and was killed"]
 
 
+@pytest.mark.slow
 def test_a_deadline_in_the_past_is_wrong(conform: Suite) -> None:
     bad = "def bad(c, out): return out | {'deadline': c['now'] - 1}"
     found = conform(station(bad + FOREIGN), BUSY, ACCEPTS, states=60)
@@ -288,13 +289,13 @@ def test_a_good_file_of_expectations(tmp_path: Path) -> None:
 
 def test_a_quick_run_says_what_it_omits(conform: Suite) -> None:
     names = (BUSY, "AMCM/PRE/CMD/BI-01", "AMCM/SYS/REL/BV-01")
-    whole = conform(station(), BUSY, "AMCM/PRE/CMD/BI-01", folder="whole")
-    quick = conform(station(), *names, quick=True)
+    whole = conform(station(), BUSY, "AMCM/PRE/CMD/BI-01", states=60, folder="whole")
+    quick = conform(station(), *names, states=60, quick=True)
     for one, other in zip(whole.cases, quick.cases, strict=False):
         assert other.verdict == "PASS" and 0 < other.reached < one.reached
         assert f"{one.reached - other.reached:,} need the whole suite" in other.reason
     assert of(quick, "AMCM/SYS/REL/BV-01").verdict == "SKIP" and quick.exit_code == 0
-    assert conform(station(IGNORES), BUSY, quick=True, folder="wrong").exit_code == 1
+    assert conform(station(IGNORES), BUSY, states=60, quick=True, folder="wrong").exit_code == 1
 
 
 def test_a_run_stops_after_so_many_failed_cases(conform: Suite) -> None:

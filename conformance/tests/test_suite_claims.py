@@ -40,6 +40,7 @@ def test_right_but_not_the_same_again(conform: Suite, how: str) -> None:
     assert of(found, ACCEPTS).verdict == "PASS"
 
 
+@pytest.mark.slow
 def test_wrong_but_not_again(conform: Suite) -> None:
     once = f"""
 seen = []

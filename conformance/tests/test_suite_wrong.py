@@ -141,6 +141,7 @@ def answer(c):
     assert of(found, ACCEPTS).verdict in ("PASS", "INCONC")
 
 
+@pytest.mark.slow
 def test_a_timer_that_is_not_armed_is_blamed_on_its_expiry(conform: Suite) -> None:
     first = """
 from automcm.core import station as station_
@@ -159,6 +160,7 @@ station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "hold"]
 # -- what changes something in secret
 
 
+@pytest.mark.slow
 def test_a_cam_that_does_not_count_shows_at_once(conform: Suite) -> None:
     """ACT-5: the cam timer is the earliest while they arrive, so one armed anew is seen."""
     code = (

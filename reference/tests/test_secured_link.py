@@ -291,6 +291,7 @@ def test_a_station_in_its_outbox_still_has_its_id() -> None:
         change_credentials(service, link, credentials(11, not_before=0, not_after=DAY))
 
 
+@pytest.mark.slow
 def test_a_flood_leaves_a_session_alone() -> None:
     """3,000 messages a second of strangers with good certificates, far away."""
     simulation = started(SecuredSimulation, channel=CHANNEL)

@@ -39,6 +39,7 @@ def lost_runs(channel: Channel, copies: int) -> list[int]:
     return [len(run) for run in pattern.split()]
 
 
+@pytest.mark.slow
 def test_loss_in_bursts_has_the_mean_of_even_loss_and_runs_as_long_as_told() -> None:
     """A run of losses lasts the mean burst: 1000 ms, of which copies see all but the ends."""
     even, bursts = (lost_runs(Channel(loss=0.3, burst_ms=ms), 20_000) for ms in (0, 1000))

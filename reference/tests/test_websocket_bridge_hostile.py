@@ -82,6 +82,7 @@ async def test_unreachable(uri: str, problem: str) -> None:
         await application.run()
 
 
+@pytest.mark.slow
 def test_without_websockets_it_says_what_to_install() -> None:
     code = "import sys; sys.modules['websockets'] = None; import automcm.bridge.{}"
     for module in ("websocket_bridge", "remote_application"):

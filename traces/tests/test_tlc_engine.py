@@ -85,6 +85,7 @@ def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
     ), other
 
 
+@pytest.mark.slow
 def test_a_divergence_says_what_was_called_for(
     judged: dict[str, tuple[int, Verdict, Verdict]],
 ) -> None:
