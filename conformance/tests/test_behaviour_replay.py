@@ -52,6 +52,7 @@ def test_a_missing_rule_shows(behaviours: list[Behaviour]) -> None:
     assert found and "spec" in found[0] and "code" in found[0]
 
 
+@pytest.mark.slow
 def test_an_implementation_that_raises_shows(behaviours: list[Behaviour]) -> None:
     class Broken(Reference):
         def apply(self, value: Any) -> Any:
