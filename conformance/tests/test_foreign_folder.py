@@ -20,6 +20,7 @@ from automcm_cli import exit_codes
 from automcm_cli.main import app
 from automcm_cli.shared import common
 from automcm_cli.shared.terminal import Terminal
+from automcm_conformance.exchange import results
 
 CORPUS = Path(__file__).resolve().parents[2] / "traces" / "corpus"
 BAD = "ack_missing.ndjson"
@@ -58,6 +59,12 @@ def test_no_output_that_the_user_did_not_name_follows_a_link(
         assert done.exit_code in (1, 3) and "a symbolic link" in done.output, done.output
         assert str(part) in done.output and not (foreign / "target").exists()
         part.unlink()
+
+
+def test_the_function_that_refuses_links_makes_every_folder() -> None:
+    packages = Path(common.__file__).parents[1], Path(results.__file__).parents[1]
+    found = [path for each in packages for path in each.rglob("*.py")]
+    assert not [path for path in found if ".mkdir(" in path.read_text()]
 
 
 FORGED = "ALLOWED, says the attacker"

@@ -113,7 +113,7 @@ def kept(model: models.Model, folder: Path = Path("runs/models")) -> str:
 
     Raises OSError and tlc.TlcError.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    files.folder(folder, named=True)
     cfg = models.written(model, folder).resolve()
     java, jar = tlc.tools()
     options = f"-metadir {shlex.quote(tempfile.gettempdir())} -config {shlex.quote(str(cfg))}"

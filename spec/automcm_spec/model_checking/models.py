@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from automcm_spec.model_checking import tlc
-from automcm_spec.support import scratch
+from automcm_spec.support import files, scratch
 from automcm_spec.support.paths import MODELS, TLA
 
 LIST = "models.toml"
@@ -332,7 +332,7 @@ def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
 def written(model: Model, folder: Path) -> Path:
     """Write the cfg of a model into a folder and return its path."""
     path = folder / f"{model.cfg}.cfg"
-    path.write_text(model.config, encoding="utf-8")
+    files.write(path, model.config)
     return path
 
 
