@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
 from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
-from automcm_spec.vocabulary.rules import handler
+from automcm_spec.vocabulary.rules import RULES, handler
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
@@ -21,6 +21,7 @@ from automcm_traces.checker.track import (
     PHASES,
     ROLES,
     Track,
+    latest_cam,
     short,
     timer_of,
 )
@@ -38,8 +39,30 @@ KINDS = ("expire", "command", "receive", "cam", "restart")
 
 def why(d: Diverges, track: Track) -> Why:
     """Explain a divergence of a station that was in the state of ``track``."""
+    found, decided, broken = _why(d, track), d.finding.rule, _broken(d, track)
+    text = found.guard.removeprefix(f"{decided}: {RULES.get(decided, '')}")
+    return replace(found, guard=f"{broken}: {RULES[broken]}{text}") if broken else found
+
+
+def _broken(d: Diverges, track: Track) -> str:
+    """The rule that is broken, if it is not the one by which the specification decides the input:
+    it does not distinguish why a station is in quarantine. Else empty."""
+    step = d.step
+    if step is None or step.input.kind == "restart":
+        return ""
+    if _wanted(d) == ("without", "arm", "quarantine"):
+        return "ACT-6"
+    quarantined = step.rule == "END-8" and track.state.quarantine
+    return track.quarantine.rule if quarantined and track.quarantine else ""
+
+
+def _why(d: Diverges, track: Track) -> Why:
     known, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
-    if not wanted or wanted == ("send", "CAM"):
+    if d.missed:
+        return replace(known, nearest=d.missed)
+    if wanted == ("arm", "cam") and (ignored := _ignored_cam(d, track)):
+        return replace(known, nearest=ignored)
+    if not wanted or wanted == ("send", "CAM") or "deadline" in wanted or "quarantine" in wanted:
         return known
     question = Question(track, d.step.given, d.step.content) if d.step else Question(track)
     seen = d.seen[1] if d.seen is not None else ""
@@ -344,7 +367,26 @@ def _state(t: Track) -> str:
                 f"{name} {value if isinstance(value, int) else ', '.join(map(str, value))}"
             )
     words += [word for word, is_ in _FLAGS.items() if getattr(st, is_)]
+    if st.quarantine and (q := t.quarantine) is not None:
+        lasts = "" if q.lasts_ms is None else f", for {q.lasts_ms} ms"
+        words.append(f"in quarantine by {q.rule} since line {q.line}{lasts}")
     return "; ".join(words)
 
 
-_FLAGS = {"deciding": "deciding", "in quarantine": "quarantine", "in back-off": "backoff"}
+def _ignored_cam(d: Diverges, track: Track) -> str:
+    """Why the received CAM of this step does not count (ACT-5); empty if it does."""
+    m = None if d.step is None else d.step.given
+    if d.step is None or d.step.input.kind != "cam" or not isinstance(m, Cam):
+        return ""
+    if d.step.input.newer or not d.step.input.marks:
+        return ""
+    most = latest_cam(track, d.step.t_ms)
+    if most is not None and m.generation_ms > most:
+        ahead = f"generation_ms {m.generation_ms} is {m.generation_ms - most} ms more than {most}"
+        return f"the CAM of line {d.step.at} does not count: {ahead}, the bound (ACT-5.3)"
+    last = f"that of line {track.last_cam_line}, {track.last_cam_ms}"
+    age = f"generation_ms {m.generation_ms} is not newer than {last}"
+    return f"the CAM of line {d.step.at} does not count: {age} (ACT-5)"
+
+
+_FLAGS = {"deciding": "deciding", "in back-off": "backoff"}

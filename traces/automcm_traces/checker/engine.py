@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple, Self
 
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import Cam, Fields, Prescription
 from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, TIMERS, durations, lease_lasts
 from automcm_spec.vocabulary.rules import RULES
@@ -20,6 +21,7 @@ from automcm_traces.checker.track import (
     RESTARTED,
     CannotTell,
     Limits,
+    Quarantine,
     SpecInput,
     Step,
     Track,
@@ -42,6 +44,7 @@ from automcm_traces.format.log import (
     ApplicationIndication,
     Event,
     Header,
+    MessageTimer,
     Receive,
     Restart,
     Send,
@@ -97,6 +100,8 @@ class Deadline(NamedTuple):
 
     first: int
     last: int | None
+    armed: str = ""
+    """By which line it was armed, and for how long, as text."""
 
 
 class Engine:
@@ -178,10 +183,14 @@ class Engine:
             return []
         missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
         if "timer" in self.promised:
-            missing += [f"arm {short(t)}" for t in step.arm]
+            missing += [f"arm {self._with_duration(t)}" for t in step.arm]
             missing += [f"stop {short(t)}" for t in step.stop]
         missing += [f"indication {t}" for t in step.indications if "indication" in self.promised]
         return missing
+
+    def _with_duration(self, timer: spec.Timer) -> str:
+        ms = self._durations.get(timer[0])
+        return short(timer) if ms is None else f"{short(timer)} for {ms} ms"
 
     # -- events
 
@@ -242,6 +251,10 @@ class Engine:
         if step.changes or step.sent:
             self._no_op_cams.clear()
         after = step.after
+        restarts = step.input.kind == "restart"
+        if after.quarantine and (restarts or not t.state.quarantine):
+            rule, ms = "END-8" if restarts else "ACT-6", self._durations["quarantine"]
+            t.quarantine = Quarantine(step.at, rule, ms)
         if after is not t.state or step.sent:
             was = t.state.phase
             advance_track(t, after, step.sent)
@@ -250,6 +263,7 @@ class Engine:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
         if step.input.kind == "cam" and step.changes:
             t.last_cam_ms = m.generation_ms if isinstance(m, Cam) else t.last_cam_ms or 0
+            t.last_cam_line = step.at
             if isinstance(m, Cam) and t.first_cam_ms is None:
                 t.first_cam_ms = m.generation_ms, step.t_ms
 
@@ -405,7 +419,12 @@ class Engine:
             text, wants = f"send CAM: src {m.src}", [f"src {self.track.me}"]
         elif isinstance(m, Cam) and sorted({*m.marks}) != wanted:
             text = f"send CAM: marks {fields['marks']}"
-            wants = [f"marks {[list(mark) for mark in wanted]}"]
+            own = self.track.session
+            each = (
+                f"{p}/{n} ({'its session' if (p, n) == own else 'its Fin is still sent'})"
+                for p, n in wanted
+            )
+            wants = [f"marks {', '.join(each) or 'none: it is in no session'}"]
         else:
             return
         raise Diverges(at, text, rule, wants, _by(rule), None, ("send", fields))
@@ -454,14 +473,20 @@ class Engine:
         if duration is not None and event.deadline != event.t_ms + duration:
             wanted = [f"{what} for {duration} ms"]
             text = f"{what} for {event.deadline - event.t_ms} ms"
-            raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
-        self._arm(timer, event.deadline, event.deadline)
+            guard = step.guard
+            if timer.name == "lease":
+                guard = _by("ACT-4")
+                if (lease := self._lease_of(step)) is not None and lease != duration:
+                    wanted[0] += f": {lease} less {self._clock_drift} % and 1 ms"
+            raise Diverges(at, text, step.rule, wanted, guard, step, ("deadline", timer))
+        self._arm(timer, event.deadline, event.deadline, at, event.t_ms)
 
-    def _arm(self, timer: Timer, first: int, last: int | None) -> None:
+    def _arm(self, timer: Timer, first: int, last: int | None, at: int, t_ms: int) -> None:
         """Record a deadline; unobserved CAMs may postpone that of the timer cam (ACT-5)."""
         if timer.name == "cam" and not {"receive", "timer"} & self.promised:
             last = None
-        self.timers[timer] = Deadline(first, last)
+        armed = "" if last is None else f"due {last - t_ms} ms after line {at}"
+        self.timers[timer] = Deadline(first, last, armed)
 
     def _assume_timers(self, step: Step) -> None:
         """Stop and arm the timers of the step, in a log that does not promise timer events."""
@@ -472,31 +497,45 @@ class Engine:
             self.timers.pop(timer, None)
         for timer, duration in arm:
             if duration is None:
-                self._arm(timer, step.since_ms, None)
+                self._arm(timer, step.since_ms, None, step.at, step.t_ms)
             else:
-                self._arm(timer, step.since_ms + duration, step.t_ms + duration)
+                first, last = step.since_ms + duration, step.t_ms + duration
+                self._arm(timer, first, last, step.at, step.t_ms)
         step.stop, step.arm = [], []
 
     def _duration(self, step: Step, timer: Timer) -> int | None:
         if timer.name != "lease":
             return self._durations.get(timer.name)
-        for _, m in step.sent:
-            if isinstance(m, Prescription):
-                return lease_lasts(self._clock_drift, "prescriber", m.lease_ms)
+        if (lease_ms := self._lease_of(step)) is not None:
+            return lease_lasts(self._clock_drift, "prescriber", lease_ms)
         return self.track.lease_ms or None
+
+    def _lease_of(self, step: Step) -> int | None:
+        """The lease of the Prescription that the station sent in this step."""
+        sent = (m.lease_ms for _, m in step.sent if isinstance(m, Prescription))
+        return next(sent, None)
 
     def _missed(self, at: int, t_ms: int) -> None:
         """Raise Late for the first timer that should have expired more than late_ms before."""
         late = [
-            (d.last, armed_name(timer), TIMERS[timer.name].rule)
+            (d.last, armed_name(timer), TIMERS[timer.name].rule, timer)
             for timer, d in self.timers.items()
             if d.last is not None and t_ms > d.last + self._late_ms
         ]
         if late:
-            due_ms, name, rule = min(late)
+            due_ms, name, rule, timer = min(late, key=lambda one: one[:3])
             text = f"{name} was due at least {t_ms - due_ms} ms before"
-            wanted = [f"expire {name} before"]
-            raise Late(at, text, rule, wanted, _by(rule))
+            raise self._late(at, text, timer, rule)
+
+    def _late(self, at: int, text: str, timer: Timer, rule: str) -> Late:
+        """``text``, with when the timer was due, and how late it may be."""
+        armed = self.timers[timer].armed
+        text += f"; {armed}" if armed else ""
+        tolerated = f"at most {self._late_ms} ms late (--late)"
+        late = Late(at, text, rule, [f"expire {armed_name(timer)} before, {tolerated}"], _by(rule))
+        key = timer.message if isinstance(timer, MessageTimer) else None
+        late.message = key.type if key and timer.name == "resend" else ""
+        return late
 
 
 def _by(rule: str) -> str:

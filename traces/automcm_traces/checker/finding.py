@@ -128,12 +128,16 @@ class Diverges(Exception):
             found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
         self.finding = found
         self.step, self.seen, self.mismatch = step, seen, mismatch
+        self.missed = ""
+        """The copy that is missing before a message that no input calls for, as text."""
 
 
 class Late(Diverges):
     """An event that happens long after a timer should have expired."""
 
     kind = "overdue"
+    message = ""
+    """The type of the message that the timer would have sent again, if it is a resend timer."""
 
 
 class Supposition(NamedTuple):

@@ -87,6 +87,8 @@ class Possible:
         self._after = 1
         """The line of the last event other than a CAM; unobserved inputs happened later."""
         self._given_up = ""
+        self._missed: dict[str, str] = {}
+        """By type of message, the last copy without which a state went on no further."""
 
     @property
     def states(self) -> int:
@@ -132,6 +134,9 @@ class Possible:
         self._given_up = search.given_up or self._given_up
         if not search.taken:
             raise self._nearest(search.refused)
+        for _, d in search.refused:
+            if isinstance(d, Late) and d.message:
+                self._missed[d.message] = f"is a copy missing? {d.finding.observed}"
         self._engines = list(search.taken.values())
         if not _is_cam(event):
             self._after = at
@@ -156,7 +161,11 @@ class Possible:
         short."""
         if self._given_up:
             return CannotTell(self._given_up)
-        return min(refused, key=lambda r: r[0])[1]
+        rank, nearest = min(refused, key=lambda r: r[0])
+        match nearest.seen:
+            case ("send", {"type": str(type_)}) if rank[0] == inf:
+                nearest.missed = self._missed.get(type_, "")
+        return nearest
 
 
 @dataclass

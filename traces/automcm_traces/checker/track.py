@@ -77,6 +77,16 @@ class Limits(NamedTuple):
     memory: int = DEFAULTS["memory_limit"]
 
 
+class Quarantine(NamedTuple):
+    """Why and since when a station is in quarantine."""
+
+    line: int
+    """The line of the input that began it."""
+    rule: str
+    """END-8 after a restart, ACT-6 after a commitment that the station broke off."""
+    lasts_ms: int | None
+
+
 DEFAULT_LIMITS = Limits()
 _STATION = Station(ROUNDS, *DEFAULT_LIMITS)
 INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
@@ -98,11 +108,14 @@ class Track:
     advertisement: Message | None = None
     last_cam_ms: int | None = None
     """``generation_ms`` of the last CAM that counted (ACT-5); None if there was none."""
+    last_cam_line: int = 0
     first_cam_ms: tuple[int, int] | None = None
     """When the first CAM that counted was generated and received; None if unknown."""
     seq: int = 0
     """The last seq used in the session."""
     lease_ms: int = 0
+    quarantine: Quarantine | None = None
+    """The last one."""
 
     def copy(self) -> Track:
         """A copy that can change independently."""
@@ -372,11 +385,18 @@ def marked_and_newer(t: Track, m: Cam, t_ms: int) -> tuple[bool, bool]:
     """Whether a CAM received at ``t_ms`` names the session, and is newer than the last that counted
     and not too far ahead (ACT-5)."""
     newer = t.last_cam_ms is None or m.generation_ms > t.last_cam_ms
-    if t.first_cam_ms is not None:
-        generated, received_ms = t.first_cam_ms
-        lead = cam_lead(t.clock_drift, t.t_resend, t_ms - received_ms)
-        newer = newer and m.generation_ms <= generated + lead
+    if newer and (most := latest_cam(t, t_ms)) is not None:
+        newer = m.generation_ms <= most
     return t.state.session in m.marks, newer
+
+
+def latest_cam(t: Track, t_ms: int) -> int | None:
+    """The greatest ``generation_ms`` with which a CAM received at ``t_ms`` counts (ACT-5.3); None
+    if unknown."""
+    if t.first_cam_ms is None:
+        return None
+    generated, received_ms = t.first_cam_ms
+    return generated + cam_lead(t.clock_drift, t.t_resend, t_ms - received_ms)
 
 
 def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:

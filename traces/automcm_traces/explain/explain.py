@@ -33,7 +33,7 @@ from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import Row
 from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.format.event_text import starts
-from automcm_traces.format.log import Event, Header
+from automcm_traces.format.log import Event, Header, Receive
 from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.delivery import forged_receptions
 from automcm_traces.system.properties import SystemReport, judge
@@ -261,10 +261,17 @@ def forged(logs: Sequence[Log]) -> dict[str, Finding]:
             "forged",
             at=At(file, at),
             expected=tuple(_as_sent(original, e.message or {})) if original else (),
-            observed=f"receive {e.message and e.message['type']} {e.tx}: differs from the sent one",
+            observed=_forged_as(e, original),
         )
         for file, (at, e, original) in forged_receptions(logs).items()
     }
+
+
+def _forged_as(e: Receive, original: Fields | None) -> str:
+    m = e.message or {}
+    what = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
+    was = "that transmission was another message" if original else "its sender did not send it"
+    return f"{what}: forged, {was}"
 
 
 def _as_sent(original: Fields, m: Fields) -> Iterator[str]:
@@ -438,9 +445,9 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
 
 
 def expected(these: Sequence[str]) -> list[str]:
-    """The expected effects on one line; no line if there are none."""
-    order = ", in any order" if len(these) > 1 else ""
-    return [f"expected{order}: {'; '.join(these)}"] if these else []
+    """The expected effects on one line, each message before its timers; no line if there are
+    none."""
+    return [f"expected: {'; '.join(these)}"] if these else []
 
 
 def _diverges(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
