@@ -10,6 +10,7 @@ import pytest
 
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import ProtocolError
 
 HELLO = {
     "protocol": 1,
@@ -66,3 +67,11 @@ def test_a_process_that_ended_between_two_exchanges_is_started_again(adapter: Ad
     adapter._process.kill()
     adapter.send([b'{"cmd":"reset"}\n'])
     assert adapter.answers() == [b'{"cmd":"reset"}']
+
+
+@pytest.mark.parametrize("waits", ["", "input()", "time.sleep(0.2)"])
+def test_a_banner_before_hello_is_shown(waits: str) -> None:
+    banner = f"import time; print('Ready', flush=True); {waits}\n"
+    with pytest.raises((AdapterError, ProtocolError), match="['\"]Ready['\"]") as caught:
+        Adapter([sys.executable, "-c", banner + STATION], 10)
+    assert "standard error" in str(caught.value)

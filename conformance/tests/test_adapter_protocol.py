@@ -178,6 +178,7 @@ NO_HELLOS: list[tuple[Any, str]] = [
 NOT_JSON: list[tuple[bytes, str]] = [
     (b"Hello", "the line is not JSON: did you mean to write it to standard error?"),
     (b"", "the line is empty"),
+    (b"\xef\xbb\xbf{}", "the line begins with a byte order mark: write UTF-8 without one"),
     (b"{", "write the whole answer on one line"),
     (b"{'messages': []}", "write names and strings in double quotes"),
     (b'{"messages": [}', "the line begins with an object but is not JSON"),

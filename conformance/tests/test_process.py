@@ -67,9 +67,8 @@ def test_lines_come_back_in_order_although_both_pipes_are_full() -> None:
         assert child.exchange(lines) == [line[:-1] for line in lines]
         assert child.exchange([]) == []
         assert child.exchange([b"one\n", b"\n"]) == [b"one", b""]
-        assert (
-            child.stop() == "the adapter wrote a line that answers no command"
-        )  # the echo of stop
+        echo = repr(process.STOP.decode().strip())
+        assert child.stop() == f"the adapter wrote a line that answers no command: {echo}"
 
 
 def test_the_process_goes_on_while_the_kit_does_something_else(tmp_path: Path) -> None:
@@ -218,7 +217,7 @@ def test_answers_that_are_large_together() -> None:
 
 def test_a_line_that_is_no_object_is_shown() -> None:
     prints = "import sys\nfor line in sys.stdin: print('DEBUG: late\\n{}', flush=True)"
-    assert ", among them 'DEBUG: late' (did you mean to" in str(failure(prints))
+    assert ": 'DEBUG: late' (did you mean to" in str(failure(prints))
 
 
 def test_more_answers_than_asked() -> None:
@@ -239,12 +238,14 @@ input()
         assert child.exchange([LINE]) == [b"1"]
         while not (tmp_path / "written").exists():
             time.sleep(0.01)
-        with pytest.raises(AdapterError) as caught:
+        with pytest.raises(AdapterError, match="answers no command: '2'") as caught:
             child.exchange([LINE])
     assert caught.value.kind == "output"
     with start(code) as child:
         assert child.exchange([LINE]) == [b"1"]
-        assert child.stop() == "the adapter wrote a line that answers no command"
+        assert str(child.stop()).startswith(
+            "the adapter wrote a line that answers no command: '2' (did you mean"
+        )
 
 
 def test_its_children_end_with_it() -> None:
@@ -308,16 +309,29 @@ def test_kill_again_and_again() -> None:
     child.kill()
 
 
-def test_no_such_command(tmp_path: Path) -> None:
-    (tmp_path / "run").write_text("#!/bin/sh\n")
-    for command, why in (
-        ([str(tmp_path / "walk")], "No such file"),
-        ([str(tmp_path / "run")], "Permission denied"),
-        ([], "an empty command"),
-    ):
-        with pytest.raises(AdapterError, match=why) as caught:
-            Process(command)
-        assert caught.value.kind == "start"
+@pytest.mark.parametrize(
+    ("content", "mode", "why"),
+    [
+        (None, 0, "No such file"),
+        (b"#!/bin/sh\n", 0o600, "Permission denied"),
+        (b"#! /no/such/ruby -w\n", 0o700, "its interpreter '/no/such/ruby' does not exist"),
+        (b"#!/bin/sh\r\n", 0o700, r"its interpreter '/bin/sh\\r' does not exist; write its lines"),
+        (b"\xef\xbb\xbf#!/bin/sh\n", 0o700, "it begins with a byte order mark"),
+        (b"print(1)\n", 0o700, "it is neither a program of this system nor a script"),
+    ],
+)
+def test_a_command_that_cannot_be_started(
+    content: bytes | None, mode: int, why: str, tmp_path: Path
+) -> None:
+    command = tmp_path / "run"
+    if content is not None:
+        command.write_bytes(content)
+        command.chmod(mode)
+    with pytest.raises(AdapterError, match=f"run cannot be started: {why}") as caught:
+        Process([str(command)])
+    assert caught.value.kind == "start"
+    with pytest.raises(AdapterError, match="an empty command cannot be started"):
+        Process([])
 
 
 def test_a_flood_on_stderr_does_no_harm() -> None:

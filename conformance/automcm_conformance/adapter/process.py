@@ -153,8 +153,8 @@ class Process:
         """Begin an exchange; ``answers`` ends it.  Raises AdapterError."""
         if not self._open:
             raise AdapterError("closed", "the process has already ended", stderr=self.stderr)
-        if self._listen(0.0) or self._partial:
-            self._fail("output", UNREQUESTED, [])
+        if extra := self._extra():
+            self._fail("output", f"{UNREQUESTED}{extra}", [])
         self._expected, self._answers = len(lines), []
         self._unsent = self._write(memoryview(b"".join(lines)))
 
@@ -190,7 +190,8 @@ class Process:
             elif monotonic() >= due or self._silent():
                 self._fail_silent(answers, expected)
         if len(answers) > expected or self._partial or self._unsent:
-            self._fail("output", f"{TOO_MANY}{_no_object(answers)}", answers[:expected])
+            extra = self._unexpected(answers, expected)
+            self._fail("output", f"{TOO_MANY}{extra}", answers[:expected])
         return answers
 
     def stop(self, line: bytes = STOP) -> str | None:
@@ -200,7 +201,7 @@ class Process:
         """
         if not self._open:
             return None
-        exited_before, has_output = self._exited(), bool(self._partial)
+        exited_before, extra = self._exited(), self._extra()
         # While the process runs, all descendants are found by their parents.
         others = children.opened(children.descendants(self._process.pid, self._mark))
         with suppress(BlockingIOError, BrokenPipeError):
@@ -209,8 +210,9 @@ class Process:
         self._close_in()
         due = monotonic() + self.limit_s
         while not self._exited() and monotonic() < due:
-            has_output |= self._discard(min(0.01, self.limit_s))
-        has_output |= self._discard(0.0)
+            more = self._extra(min(0.01, self.limit_s))
+            extra = extra or more
+        extra = extra or self._extra()
         ended = self._exited()
         self.kill()
         for other, descriptor in others.items():
@@ -230,7 +232,7 @@ class Process:
             return f"the adapter exited before stop, with {_exit_status(code)}"
         if code:
             return f"the adapter exited on stop with {_exit_status(code)}; expected exit code 0"
-        return UNREQUESTED if has_output else None
+        return f"{UNREQUESTED}{extra}" if extra else None
 
     def kill(self) -> None:
         """End the process group and all descendants at once.  May be called again."""
@@ -294,11 +296,21 @@ class Process:
                     return lines
         return []
 
-    def _discard(self, timeout_s: float) -> bool:
-        """Wait for output and drop it; returns whether there was any."""
-        found = bool(self._listen(timeout_s) or self._partial)
+    def _extra(self, timeout_s: float = 0.0) -> str:
+        """Wait for output and drop it; shows it if there was any."""
+        found = self._unexpected(self._listen(timeout_s), 0)
         self._partial.clear()
         return found
+
+    def _unexpected(self, lines: Sequence[bytes], expected: int) -> str:
+        """The first line that cannot be an answer, else the first after the expected ones."""
+        lines = [*lines, *filter(None, [bytes(self._partial)])]
+        if len(lines) <= expected:
+            return ""
+        other = next((line for line in lines if not line.startswith(b"{")), None)
+        line = _shown(lines[expected] if other is None else other)[:QUOTED]
+        hint = "" if other is None else " (did you mean to write it to standard error?)"
+        return f": {line!r}{hint}"
 
     def _read_stderr(self) -> bool:
         """Read a chunk of standard error, if there is one; False if there is none."""
@@ -365,14 +377,6 @@ class Process:
 def _number(pipe: IO[bytes] | None) -> int:
     assert pipe is not None
     return pipe.fileno()
-
-
-def _no_object(lines: Sequence[bytes]) -> str:
-    """Shows the first of the lines that cannot be an answer; empty if there is none."""
-    other = next((line for line in lines if not line.startswith(b"{")), None)
-    if other is None:
-        return ""
-    return f", among them {_shown(other)[:QUOTED]!r} (did you mean to write it to standard error?)"
 
 
 def _shown(line: bytes) -> str:

@@ -310,8 +310,15 @@ SAY_HELLO = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
 
 
 def read_hello(line: bytes) -> HelloAnswer:
-    """The answer to hello.  Raises the same errors as read_answer."""
-    return _read(line, HelloAnswer)
+    """The answer to hello.  Raises the same errors as read_answer; a banner is shown."""
+    try:
+        return _read(line, HelloAnswer)
+    except ProtocolError as error:
+        if line.startswith(b"{"):
+            raise
+        raise ProtocolError(
+            f"{error}; the line: {_quoted(line.decode(errors='replace'))}"
+        ) from None
 
 
 def _read(line: bytes, model: type[Read]) -> Read:
@@ -354,6 +361,8 @@ def _parse(line: bytes) -> Json:
         raise ProtocolError("the line is empty: each answer is exactly one line")
     if start in ("{", "["):
         raise ProtocolError("the line is not JSON: write the whole answer on one line")
+    if start.startswith("\ufeff"):
+        raise ProtocolError("the line begins with a byte order mark: write UTF-8 without one")
     if start.startswith(("{'", "{messages")):
         raise ProtocolError("the line is not JSON: write names and strings in double quotes")
     if start.startswith("{"):

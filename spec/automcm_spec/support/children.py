@@ -56,14 +56,15 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
         try:
             theirs.close()
             ours.send(b"1")
-            failure = ours.recv(10)
+            failure = ours.recv(1000).decode()
         except BaseException:
             process.kill()
             process.wait()
             raise
     if failure:
         with process:
-            raise OSError(int(failure), os.strerror(int(failure)), name)
+            number, _, why = failure.partition(" ")
+            raise OSError(int(number), why, name)
     return process
 
 

@@ -4,8 +4,8 @@
 
 PARENT is the process id of the parent. LINK is a socket to it, or -1. GROUP is 1 to run the command
 in its own session, end its whole process group, and make it the parent of its orphans. The parent
-sends a byte over the link when the command may run; if it cannot be started, the errno is sent
-back. Linux only. It is run as a file, without any package.
+sends a byte over the link when the command may run; if it cannot be started, the errno and the
+reason are sent back. Linux only. It is run as a file, without any package.
 """
 
 import ctypes
@@ -41,11 +41,33 @@ def _main() -> None:
     try:
         os.execvp(command[0], command)
     except OSError as problem:
+        why = _wrong_file(problem.errno, command[0]) or problem.strerror
         if link < 0:
-            print(f"{command[0]} cannot be started: {problem.strerror}", file=sys.stderr)
+            print(f"{command[0]} cannot be started: {why}", file=sys.stderr)
         else:
-            os.write(link, str(problem.errno).encode())
+            os.write(link, f"{problem.errno} {why}".encode())
         sys.exit(_NOT_STARTED)
+
+
+def _wrong_file(number: int | None, command: str) -> str:
+    """Why a file that exists cannot be executed; empty if the errno says it."""
+    import errno
+    import shutil
+
+    path = shutil.which(command)
+    if path is None or number not in (errno.ENOENT, errno.ENOEXEC):
+        return ""
+    with open(path, "rb") as file:
+        first = file.readline(256)
+    if first.startswith(b"\xef\xbb\xbf"):
+        return "it begins with a byte order mark; write UTF-8 without one"
+    if number == errno.ENOEXEC:
+        return "it is neither a program of this system nor a script that begins with #!INTERPRETER"
+    if not first.startswith(b"#!"):
+        return "its program loader does not exist: was it built for another system?"
+    interpreter = first[2:].strip(b" \t\n").replace(b"\t", b" ").split(b" ")[0]
+    crlf = "; write its lines with LF, not CR LF" if interpreter.endswith(b"\r") else ""
+    return f"its interpreter {interpreter.decode(errors='replace')!r} does not exist{crlf}"
 
 
 def _opened(process: int) -> int | None:
