@@ -315,6 +315,38 @@ def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
         LaneMap(tmp_path / "nowhere", (49.0, 9.0))
 
 
+MEMBER = '<member type="relation" ref="8" role="regulatory_element"/>'
+UNUSED = """<way id="14"><nd ref="99"/></way>
+  <relation id="8"><member type="way" ref="14" role="refers"/>
+    <tag k="type" v="regulatory_element"/><tag k="subtype" v="detection_area"/></relation>
+  <relation id="9"><tag k="type" v="multipolygon"/></relation></osm>"""
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "problem"),
+    [
+        ('<tag k="type" v="lanelet"/>', f'{MEMBER}<tag k="type" v="lanelet"/>', ""),
+        ('lat="49.0" lon="', 'north="', r"node 1: has no lat and lon; .* \(and 2 more\)"),
+        ('lon="8', 'lon="800', r"Error parsing primitive 1: Longitude .* \(and \d+ more\)"),
+        ("</osm>", "", "no element found"),
+    ],
+)
+def test_a_map_is_read_despite_what_is_no_lane_or_one_line_says_why_not(
+    was: str, now: str, problem: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
+    from automcm.kernels.lanelet_map import LaneMap, MapError
+
+    path = tmp_path / "road.osm"
+    path.write_text(LANELETS.replace("</osm>", UNUSED).replace(was, now))
+    if not problem:
+        assert LaneMap(path, (49.0, 9.0)).lanes() == [1, 2]
+        return
+    with pytest.raises(MapError, match=f"road.osm: {problem}") as caught:
+        LaneMap(path, (49.0, 9.0))
+    assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize(("name", "value"), [("vehicles", 5), ("speed_kmh", 0)])
 def test_a_setting_that_cannot_be_is_refused_by_name(name: str, value: int) -> None:
     with pytest.raises(ValueError, match=name):
