@@ -12,10 +12,14 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 PRESCRIBER, RECEIVER = CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"
 
 
-def test_a_whole_log_is_as_it_was() -> None:
-    assert LogSlice.read(PRESCRIBER).text() == PRESCRIBER.read_bytes()
-    log = LogSlice.read(PRESCRIBER)
-    assert log.closed_up(log.items).text() == PRESCRIBER.read_bytes()
+def test_a_whole_log_is_as_it_was(tmp_path: Path) -> None:
+    """With the vendor fields of each record."""
+    path = tmp_path / "1001.ndjson"
+    path.write_bytes(
+        PRESCRIBER.read_bytes().replace(b"}\n", b',"x_at":{"by":"' + b"v" * 5000 + b'"}}\n')
+    )
+    log = LogSlice.read(path)
+    assert log.text() == log.closed_up(log.items).text() == path.read_bytes()
 
 
 def test_the_first_lines_have_the_end_of_the_log() -> None:

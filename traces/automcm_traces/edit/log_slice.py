@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from automcm_spec.support.bad_input import name_of
 from automcm_traces.format.event_text import session_of
 from automcm_traces.format.log import End, Event, Header, Record, Send, UnknownEvent, record
-from automcm_traces.format.reader import Log, NotJsonError, cut, parse, read
+from automcm_traces.format.reader import LONGEST_LINE, Log, NotJsonError, cut, parse, read
 
 Json = Any
 Numbers = dict[tuple[str, ...], set[int]]
@@ -28,7 +28,7 @@ Numbers = dict[tuple[str, ...], set[int]]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """An event, its line in the original log, and its record to write."""
+    """An event, its line in the original log, and its record to write, with vendor fields."""
 
     line: int
     event: Event
@@ -49,7 +49,7 @@ class LogSlice:
     file: str
     header: Header
     head: dict[str, Json]
-    end: End | None
+    end: dict[str, Json] | None
     items: tuple[Item, ...]
 
     @staticmethod
@@ -59,7 +59,8 @@ class LogSlice:
         It has an end record if the file has one, even after ``lines``. Raises OSError, and BadInput
         if the complete log is read.
         """
-        end = read(path).end if not lines else _end(path)
+        if not lines:
+            read(path)
         with open(path, "rb") as stream:
             texts = list(islice(stream, lines or None))
         items = []
@@ -77,7 +78,7 @@ class LogSlice:
         if items and json.loads(texts[1])["seq"] > 1:  # it is numbered anew: the header says it
             head["begins"] = "running"
             header = header.model_copy(update={"begins": "running"})
-        return LogSlice(name_of(path), header, head, end, tuple(items))
+        return LogSlice(name_of(path), header, head, _end(path), tuple(items))
 
     def having(self, items: Sequence[Item]) -> LogSlice:
         """The same log with only these items."""
@@ -86,14 +87,15 @@ class LogSlice:
     def log(self) -> Log:
         """The log for the engine, with the lines of the original log."""
         events = [(item.line, item.event) for item in self.items]
-        return Log(self.file, self.header, events, self.end, False, [])
+        end = None if self.end is None else End.model_validate(self.end)
+        return Log(self.file, self.header, events, end, False, [])
 
     def text(self) -> bytes:
         """The log as a file, with its events renumbered."""
         records = [self.head]
         records += [item.record | {"seq": n} for n, item in enumerate(self.items, 1)]
         if self.end is not None:
-            records.append(self.end.model_dump() | {"seq": len(self.items)})
+            records.append(self.end | {"seq": len(self.items)})
         return b"".join(
             json.dumps(r, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
             for r in records
@@ -159,17 +161,17 @@ def is_input(event: Event) -> bool:
     return event.ev in ("receive", "command", "restart") or getattr(event, "op", "") == "expire"
 
 
-def _end(path: str | Path) -> End | None:
+def _end(path: str | Path) -> dict[str, Json] | None:
     """The end record of a log, if its last line is one."""
     with open(path, "rb") as stream:
         stream.seek(0, 2)
-        stream.seek(max(0, stream.tell() - 4096))
+        stream.seek(max(0, stream.tell() - LONGEST_LINE))
         last = stream.read().splitlines()[-1:]
     try:
         found = parse(last[0]) if last else None
     except (NotJsonError, ValidationError):
         return None
-    return found if isinstance(found, End) else None
+    return json.loads(last[0]) if isinstance(found, End) else None
 
 
 def _retimed(items: Sequence[Item], left: set[int]) -> list[Item]:

@@ -1,6 +1,6 @@
 """Converts logs to MCAP, for Foxglove and similar tools, and back: one JSON channel per station.
 
-Every line of a log becomes a message, including the header and the end, so that nothing is lost.
+Every line of a log becomes a message, with its line feed, whatever it contains: nothing is lost.
 One more channel has the fate of each message.
 The log time is ``t_ms``, because the absolute time is unknown. Needs the extra ``mcap``.
 """
@@ -17,8 +17,8 @@ from typing import Any
 from automcm_spec.support.bad_input import name_of, one_line
 from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.format.event_text import summary
-from automcm_traces.format.log import SCHEMA, End, Header
-from automcm_traces.format.reader import Notice, records
+from automcm_traces.format.log import SCHEMA
+from automcm_traces.format.reader import header_of, records
 
 TOPIC = "/automcm/"
 """The name of a channel is this and the id of its station."""
@@ -76,31 +76,24 @@ def written(paths: Sequence[Path]) -> bytes:
         name=SCHEMA, encoding="jsonschema", data=json.dumps(LINE).encode()
     )
     for path in paths:
-        lines = path.read_bytes().split(b"\n")
-        channel = t_ms = 0
-        for entry in records(path):
-            match entry.record:
-                case Notice():
-                    continue
-                case Header(station=station):
-                    channel = writer.register_channel(
-                        topic=f"{TOPIC}{station}",
-                        message_encoding="json",
-                        schema_id=schema,
-                        metadata={"file": Path(name_of(path)).name},
+        channel = writer.register_channel(
+            topic=f"{TOPIC}{header_of(path).station}",
+            message_encoding="json",
+            schema_id=schema,
+            metadata={"file": Path(name_of(path)).name},
+        )
+        times = {e.line: getattr(e.record, "t_ms", 0) for e in records(path)}
+        t_ms = 0
+        with open(path, "rb") as lines:
+            for number, line in enumerate(lines, 1):
+                t_ms = max(t_ms, times[number])
+                if t_ms > LATEST_MS:
+                    raise McapError(
+                        f"{name_of(path)}:{number}: t_ms: must be at most {LATEST_MS} ms for MCAP, "
+                        f"not {t_ms} ms"
                     )
-                case End():
-                    pass
-                case event:
-                    t_ms = event.t_ms
-            if t_ms > LATEST_MS:
-                raise McapError(
-                    f"{name_of(path)}:{entry.line}: t_ms: must be at most {LATEST_MS} ms for MCAP, "
-                    f"not {t_ms} ms"
-                )
-            now = t_ms * 10**6
-            data = lines[entry.line - 1]
-            writer.add_message(channel, now, data, now, sequence=entry.line)
+                now = t_ms * 10**6
+                writer.add_message(channel, now, line, now, sequence=number)
     _add_arrows(writer, paths)
     writer.finish()
     return stream.getvalue()
@@ -146,7 +139,8 @@ def logs(path: Path) -> dict[str, bytes]:
         name = names[id_]
         if name in texts:
             name = f"{Path(name).stem}-{id_}.ndjson"
-        texts[name] = b"".join(line + b"\n" for _, line in sorted(lines))
+        *before, last = (line for _, line in sorted(lines))
+        texts[name] = b"".join(line.removesuffix(b"\n") + b"\n" for line in before) + last
     return texts
 
 
