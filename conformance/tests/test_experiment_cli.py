@@ -89,6 +89,7 @@ def test_a_killed_sweep_goes_on(
         (["--set", "trials=0"], "trials: 0: Input should be greater than or equal to 1"),
         (["--set", "trials"], "--set: expected NAME=JSON, not 'trials'"),
         (["--set", "trials=x"], "--set: expected NAME=JSON, not 'trials=x'"),
+        (["--set", "trials=" + "[" * 2000], "--set: expected NAME=JSON"),
         (["--set", "dice=1"], "dice: there is no such setting"),
         (["--profile", "slow"], "no profile 'slow'"),
     ],

@@ -176,6 +176,8 @@ def test_the_command_writes_the_itf_of_a_log(tmp_path: Path) -> None:
         (lambda v: "[]", "must be a JSON object"),
         (lambda v: v[:-9], "not JSON"),
         (lambda v: v.replace("models.toml#", ""), "#meta: source"),
+        (lambda v: "[" * 100_000, "not JSON"),
+        (lambda v: v.replace('"#tup":["none"', f'"#tup":[{"[" * 190 + "]" * 190}', 1), "state 1"),
         (lambda v: v.replace('"index":2,"input":', '"index":2,"output":'), "state 2"),
         (lambda v: v.replace('"#tup":["none",0]', '"#tup":"none"', 1), "state 1"),
         (lambda v: v.replace('"states":[', '"states":{},"stated":['), "'states'"),

@@ -6,6 +6,8 @@ import base64
 import hashlib
 import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -37,8 +39,9 @@ from automcm_traces.export.itf_log import from_log
 from automcm_traces.format.log import TimerArm
 from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
+from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import SCRIPTS, VIEWER, html
-from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load
+from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load, of_runs
 from automcm_traces.viewer.page_follow import EXPIRED, RESTARTED
 from automcm_traces.viewer.page_pack import compact
 
@@ -53,6 +56,20 @@ def lossy(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     killed(folder / "2002.ndjson", 8000)
     (folder / "3003.ndjson").unlink()
     return sorted(folder.iterdir())
+
+
+@pytest.mark.parametrize("more", ["", '{"rec":"event"}\n', FOUR[0].read_text().split("\n", 1)[1]])
+def test_the_script_begins_also_without_an_event(more: str, tmp_path: Path) -> None:
+    if not (node := shutil.which("node")):
+        pytest.skip("node is not installed")
+    log = tmp_path / "log.ndjson"
+    log.write_text(FOUR[0].read_text().split("\n", 1)[0] + "\n" + more)
+    for page in (html(load([log])), html(of_runs(page_run.load([log]), page_run.load([log])))):
+        data, script = re.findall(r"<script[^>]*>(.*?)</script>", page.decode(), re.S)
+        run = [node, Path(__file__).with_name("page_in_node.js")]
+        given = f"{data}\n---\n{script}"
+        done = subprocess.run(run, input=given, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 def test_every_event_of_every_log_is_there_as_it_was_logged() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -159,6 +158,8 @@ def _run(
 
 
 def _changes(changes: list[str]) -> dict[str, Any]:
+    from pydantic_core import from_json
+
     from automcm_evaluation.framework.experiment import ExperimentError
 
     found = {}
@@ -167,7 +168,7 @@ def _changes(changes: list[str]) -> dict[str, Any]:
         try:
             if not given:
                 raise ValueError("no =")
-            found[name] = json.loads(value)
+            found[name] = from_json(value)
         except ValueError:
             raise ExperimentError(f"--set: expected NAME=JSON, not {text!r}") from None
     return found

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
+from pydantic_core import from_json
 
 from automcm_evaluation.framework.experiment import (
     Cell,
@@ -194,7 +195,7 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
                 cell = CELL.validate_json(line)
                 found[canonical(cell.values)] = cell.result
                 continue
-            value = json.loads(line)
+            value = from_json(line)
         except ValueError:
             raise ExperimentError(f"{kept}:{number}: not a finished cell") from None
         if value != about:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,8 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+from pydantic_core import from_json
 
 from automcm_spec.model_checking import models, tlc_simulation
 from automcm_spec.support.bad_input import at_line
@@ -88,7 +89,7 @@ def behaviour(path: Path) -> Behaviour:
     Raises OSError, and itf.ItfError with the file and the state.
     """
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = from_json(path.read_bytes())
     except ValueError as error:
         raise itf.ItfError(f"{path}: not JSON: {error}") from None
     try:

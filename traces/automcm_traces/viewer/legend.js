@@ -38,7 +38,7 @@ function timerSample() {
 }
 
 function types() {
-  const found = new Set(DATA.rows.bodies.length < 200_000 ? DATA.shapes.length && typeNames() : []);
+  const found = new Set(DATA.rows.bodies.length < 200_000 ? typeNames() : []);
   return [...found].sort();
 }
 
