@@ -1,7 +1,7 @@
 """Each extra in an environment of its own: its first command runs, and without it says what to do.
 
-Nothing is downloaded: the wheel is installed into an empty environment, and the packages that an
-extra asks for, by their metadata, are links into this environment.
+The wheel is installed into an empty environment.  The packages that an extra asks for, by their
+metadata, are links into this environment; their lowest versions are downloaded.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 NO_COMMAND = {"all", "dev", "docs", "mutate", "prove"}
 """The other extras together (test_wheel.py), and those that only a clone can use."""
+HEAVY = {"radio", "sumo"}
+"""More than half a gigabyte each: downloaded only where they are installed anyway."""
 STATION = {
     *("automcm", "numpy", "pydantic", "python-statemachine"),
     *("annotated-types", "pydantic-core", "typing-extensions", "typing-inspection"),  # pydantic's
@@ -201,12 +203,37 @@ class Environment:
                     left += [r for r in more if not r.marker or r.marker.evaluate({"extra": extra})]
         return found
 
+    def bounds(self, extra: str) -> list[Requirement]:
+        """What we ask for with this extra."""
+        found = []
+        for wanted in map(Requirement, self._ours.requires or ()):
+            if not wanted.marker or wanted.marker.evaluate({"extra": extra}):
+                ours = wanted.name == "automcm"
+                found += [r for e in wanted.extras for r in self.bounds(e)] if ours else [wanted]
+        return found
+
+    def lowest(self, extra: str) -> Path:
+        """A folder with the lowest versions that this extra allows.  Skips the test if there is no
+        registry."""
+        lib = self._folder / f"lowest-{extra}"
+        bounds = {r.name: str(r.specifier) for r in self.bounds(extra)}
+        assert [name for name, bound in bounds.items() if not bound.startswith(">=")] == []
+        pins = [f"{name}=={bound.removeprefix('>=')}" for name, bound in bounds.items()]
+        pip = [sys.executable, "-m", "pip", "--python", str(self._venv / "bin" / "python")]
+        pip += ["install", "--retries", "1", "--target", str(lib)]
+        done = subprocess.run([*pip, *pins], capture_output=True, text=True)
+        if "(from versions: none)" in done.stderr:
+            pytest.skip("the package registry is not reachable")
+        assert done.returncode == 0, done.stderr
+        return lib
+
     def run(
-        self, *command: str, needs: tuple[str, ...], stdin: str = ""
+        self, *command: str, needs: tuple[str, ...] = (), lib: Path | None = None, stdin: str = ""
     ) -> subprocess.CompletedProcess[str]:
-        """A command where only this is installed, in a folder with a log."""
+        """A command where only this is installed, or is in ``lib``, in a folder with a log."""
         # No brackets: ns-3 searches its libraries with patterns.
-        lib = self._folder / "-".join(("lib", *needs)).replace("[", "-").replace("]", "")
+        linked = self._folder / "-".join(("lib", *needs)).replace("[", "-").replace("]", "")
+        lib = lib or linked
         if not lib.exists():
             lib.mkdir()
             # Two distributions may share a folder, as cppyy-backend and cppyy-cling do.
@@ -246,6 +273,18 @@ def test_the_first_command_needs_no_more_than_its_extra(
 ) -> None:
     for first in FIRST[extra]:
         done = environment.run(*first.command, needs=(f"automcm[{extra}]",), stdin=first.stdin)
+        assert done.returncode == 0 and first.shows in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("extra", FIRST)
+def test_the_first_command_runs_with_the_lowest_versions(
+    extra: str, environment: Environment
+) -> None:
+    if extra in HEAVY:
+        environment.needed(f"automcm[{extra}]")
+    lib = environment.lowest(extra)
+    for first in FIRST[extra]:
+        done = environment.run(*first.command, lib=lib, stdin=first.stdin)
         assert done.returncode == 0 and first.shows in done.stdout, done.stdout + done.stderr
 
 
