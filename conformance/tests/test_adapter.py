@@ -72,6 +72,6 @@ def test_a_process_that_ended_between_two_exchanges_is_started_again(adapter: Ad
 @pytest.mark.parametrize("waits", ["", "input()", "time.sleep(0.2)"])
 def test_a_banner_before_hello_is_shown(waits: str) -> None:
     banner = f"import time; print('Ready', flush=True); {waits}\n"
-    with pytest.raises((AdapterError, ProtocolError), match="['\"]Ready['\"]") as caught:
+    with pytest.raises((AdapterError, ProtocolError), match="Ready") as caught:
         Adapter([sys.executable, "-c", banner + STATION], 10)
     assert "standard error" in str(caught.value)
