@@ -28,6 +28,8 @@ from automcm_spec.vocabulary.parameters import (
     longest_session,
     rank,
 )
+from automcm_spec.vocabulary.rules import cited
+from automcm_spec.vocabulary.station import Entry, Expire, Station, Timer
 
 PAGE = Path(__file__).parents[2] / "docs" / "protocol.md"
 
@@ -162,14 +164,31 @@ def test_the_page_has_the_defaults_and_the_formulas_of_derived_times() -> None:
             assert evaluated(page[name], known | {"N": n}) == known[name], name
 
 
+def expiring(name: str) -> set[str]:
+    """The rules by which a timer of the page expires, in any state."""
+    station = Station(3, 4, 8, 4)
+    about: dict[str, list[Timer]] = {
+        "forget(p)": [("forget", 2)],
+        "resend(Advertisement)": [("resend", Entry("Advertisement", 0, (1, 1), 1, False))],
+    }
+    for timer in ("giveup", "resend"):
+        types = ("Intention", "Prescription", "Acceptance", "Fin", "Cancel")
+        about[f"{timer}(m)"] = [(timer, Entry(m, 2, (1, 1), 1, False)) for m in types]
+    return {
+        station.step(1, state, Expire("expire", timer)).rule
+        for timer in about.get(name, [(name,)])
+        for role in ("prescriber", "receiver")
+        for state in [station.initial._replace(role=role, session=(1, 1), phase="ACTUATING")]
+    }
+
+
 def test_the_page_has_the_timers_in_their_order_with_durations_and_rules() -> None:
     page = list(rows("timer"))
     ranks = [rank(name.split("(")[0], "(Advertisement)" in name) for name, *_ in page]
     assert ranks == list(range(1, len(TIMERS) + 2))
     for name, _, lasts, rules in page:
         timer = name.split("(")[0]
-        if "(Advertisement)" not in name:
-            assert TIMERS[timer].rule in rules
+        assert cited(rules) == expiring(name), name
         for known in (p.known for p in SETS):
             ms = durations(known)[timer]
             if ms is not None and "longer of" in lasts:

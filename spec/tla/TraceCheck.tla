@@ -77,8 +77,8 @@ Stopped(line, t, timer)        ==
   [kind |-> "stop", line |-> line, t |-> t, timer |-> timer]
 Expires(line, t, timer)        ==
   [kind |-> "expire", line |-> line, t |-> t, timer |-> timer]
-Told(line, t, name, reason)    ==
-  [kind |-> "told", line |-> line, t |-> t, name |-> name, reason |-> reason]
+Told(line, t, name, fields)    ==     \* fields: those that are compared
+  [kind |-> "told", line |-> line, t |-> t, name |-> name, fields |-> fields]
 
 \* The logs are kept in a register: each definition that names the constant
 \* would have TLC look through all of them once more.
@@ -91,9 +91,14 @@ Promised(k) == k \in This.complete
 (***************************************************************************)
 (* The step that goes on                                                   *)
 (***************************************************************************)
+NoMessage == M("none", Nobody, Nobody, NoSession, 0, 0, FALSE, "none",
+               <<"none", 0>>, 0, <<>>, Untold, TRUE)
+
+\* got is the message received, session that before the step.
 NoStep ==
-  [ line |-> 0, rule |-> "", out |-> {}, arm |-> {}, stop |-> {}, free |-> {},
-    told |-> Nothing, must |-> FALSE, given |-> <<>>, of |-> <<"none", 0>> ]
+  [ line |-> 0, t |-> 0, session |-> NoSession, rule |-> "", out |-> {},
+    arm |-> {}, stop |-> {}, free |-> {}, told |-> Nothing, must |-> FALSE,
+    given |-> <<>>, got |-> NoMessage ]
 
 Missing ==
   \/ step.out # {}
@@ -135,8 +140,35 @@ Runs(r, t, ms, expired) ==
   ELSE Without(expired \cup r.arm \cup r.stop)
        \cup {Due(timer, t, ms) : timer \in r.arm}
 
-Missed(t) ==
-  {a \in armed : a.sure /\ t > a.due + This.late}
+\* Due timers expire by deadline, then in the order of the table of
+\* docs/protocol.md, section 3, then by the age of their messages.
+Rank(timer) ==
+  IF timer[1] = "resend" /\ timer[2].type = "Advertisement"
+  THEN This.rank.advertised ELSE This.rank[timer[1]]
+
+Age(timer) ==
+  LET behind == IF timer[1] \in {"resend", "giveup"}
+                THEN {b \in box : b.entry = timer[2]} ELSE {}
+  IN IF behind = {} THEN 0 ELSE (CHOOSE b \in behind : TRUE).at
+
+Earlier(a, b) ==
+  \/ a.due < b.due
+  \/ /\ a.due = b.due
+     /\ \/ Rank(a.timer) < Rank(b.timer)
+        \/ Rank(a.timer) = Rank(b.timer) /\ Age(a.timer) < Age(b.timer)
+
+\* The timers that should have expired before the event: those due long
+\* before.  If timers are complete, also those due at the instant of a message
+\* or command, or due before the timer that expires.
+Missed(e) ==
+  LET due == {a \in armed : a.sure /\ a.due <= e.t}
+      instant == /\ e.kind \in {"receive", "cam", "command"}
+                 /\ \E a \in due : a.due = e.t
+      turn(a) == /\ e.kind = "expire"
+                 /\ \E b \in due : b.timer = Named(This.timers[e.timer])
+                                  /\ Earlier(a, b)
+  IN {a \in due : \/ e.t > a.due + This.late
+                  \/ Promised("timer") /\ (instant \/ turn(a))}
 
 (***************************************************************************)
 (* Verdicts                                                                *)
@@ -155,19 +187,28 @@ Verdict(what, line, rule, wanted) ==
   PrintT(ToString(<<what, log, line, rule, wanted>>)) /\ FALSE
 
 Diverges(line)  == Verdict("DIVERGES", line, step.rule, Wanted(step))
+
+\* The rule is that by which the timer expires.
+ByTimer(line, timer, wanted) ==
+  Verdict("DIVERGES", line, Step(Me, st, [kind |-> "expire", timer |-> timer]).rule,
+          <<{TimerT(t) : t \in wanted}>>)
 Overdue(line, late) ==
-  Verdict("DIVERGES", line, "overdue", <<{TimerT(a.timer) : a \in late}>>)
-NotArmed(line)  ==
-  Verdict("DIVERGES", line, "not armed", <<{TimerT(a.timer) : a \in armed}>>)
+  LET first == (CHOOSE a \in late : ~ \E b \in late : Earlier(b, a)).timer
+  IN ByTimer(line, first, {first})
+NotArmed(line, n) ==  \* only the type of the message matters
+  LET e == [ type |-> n.type, to |-> Nobody, session |-> NoSession, seq |-> 0,
+             accepted |-> FALSE ]
+  IN ByTimer(line, IF n.name \in {"resend", "giveup"} THEN <<n.name, e>> ELSE Named(n),
+             {a.timer : a \in armed})
 
 (***************************************************************************)
 (* Inputs                                                                  *)
 (***************************************************************************)
-Begin(line, r, must, given, of) ==
+Begin(line, t, r, must, given, got) ==
   /\ st' = r.st
-  /\ step' = [ line |-> line, rule |-> r.rule, out |-> r.out, arm |-> r.arm,
-               stop |-> r.stop, free |-> {}, told |-> r.told, must |-> must,
-               given |-> given, of |-> of ]
+  /\ step' = [ line |-> line, t |-> t, session |-> st.session, rule |-> r.rule,
+               out |-> r.out, arm |-> r.arm, stop |-> r.stop, free |-> {},
+               told |-> r.told, must |-> must, given |-> given, got |-> got ]
   /\ box' = Kept
   /\ count' = IF Bound(st) THEN count ELSE 0
 
@@ -196,7 +237,7 @@ OnReceive(e) ==
                           concerned |-> e.concerned ])
       ms == IF /\ m.type = "Prescription" /\ r.st.phase = "NEGOTIATING"
                /\ st.phase # "NEGOTIATING" THEN m.lease ELSE lease
-  IN /\ Begin(e.line, r, Promised("indication"), e.given, <<m.type, m.seq>>)
+  IN /\ Begin(e.line, e.t, r, Promised("indication"), e.given, m)
      /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED <<heard, anchor>>
 
 \* END-5: bytes that are no message.  One that names another station may be
@@ -222,7 +263,7 @@ Newer(e) ==
 OnCamReceived(e) ==                                            \* ACT-5
   LET r == Step(Me, st, [ kind |-> "cam", src |-> e.src, marks |-> e.marks,
                           newer |-> Newer(e) ])
-  IN /\ Begin(e.line, r, FALSE, <<>>, <<"none", 0>>)
+  IN /\ Begin(e.line, e.t, r, FALSE, <<>>, NoMessage)
      /\ armed' = Runs(r, e.t, lease, {}) /\ UNCHANGED lease
      /\ heard' = IF Timer("cam") \in r.arm THEN e.generation ELSE heard
      /\ anchor' = IF Timer("cam") \in r.arm /\ ~st.heard
@@ -244,19 +285,19 @@ Obeys(c, opens) ==
 OnCommanded(e) ==
   LET r == Obeys(Command(e.name, e.session, e.proposal, e.target), e.opens)
       ms == IF e.name = "prescribe" /\ r.out # {} THEN e.lease ELSE lease
-  IN /\ Begin(e.line, r, Promised("indication"), e.given, <<"none", 0>>)
+  IN /\ Begin(e.line, e.t, r, Promised("indication"), e.given, NoMessage)
      /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED <<heard, anchor>>
 
 Expire(line, t, timer) ==
   LET r == Step(Me, st, [kind |-> "expire", timer |-> timer])
-  IN /\ Begin(line, r, Promised("indication"), <<>>, <<"none", 0>>)
+  IN /\ Begin(line, t, r, Promised("indication"), <<>>, NoMessage)
      /\ armed' = Runs(r, t, lease, {timer}) /\ UNCHANGED <<lease, heard, anchor>>
 
 OnExpires(e) ==
   LET timer == Named(This.timers[e.timer]) IN
   IF \E a \in armed : a.timer = timer /\ a.due <= e.t
   THEN Expire(e.line, e.t, timer)
-  ELSE NotArmed(e.line)
+  ELSE NotArmed(e.line, This.timers[e.timer])
 
 \* END-8: all timers stop, whether the log says so or not.
 Restarted(line, t) ==
@@ -294,7 +335,7 @@ Fits(x, m) ==
   /\ m.proposal = x.proposal /\ m.accepted = x.accepted
   /\ IF first # {} THEN \E b \in first : m.body = b.body      \* a copy
      ELSE /\ m.reason = x.reason
-          /\ m.of = IF x.type = "Ack" THEN step.of ELSE <<"none", 0>>
+          /\ m.of = IF x.type = "Ack" THEN <<step.got.type, step.got.seq>> ELSE <<"none", 0>>
           /\ m.seq = IF x.seq = 0 THEN 0 ELSE count + 1       \* END-6
           /\ AsGiven(m)
 
@@ -306,7 +347,8 @@ OnSent(e) ==
               new == x.seq # 0 /\ ~ \E b \in box : b.entry = Entry(x)
           IN /\ step' = [step EXCEPT !.out = @ \ {x}]
              /\ box' = IF new THEN box \cup {[ entry |-> Entry(x),
-                                               seq |-> m.seq, body |-> m.body ]}
+                                               seq |-> m.seq, body |-> m.body,
+                                               at |-> at ]}
                               ELSE box
              /\ count' = IF new THEN m.seq ELSE count
              /\ lease' = IF new /\ m.type = "Prescription" THEN m.lease
@@ -331,9 +373,25 @@ OnStopped(e) ==
        /\ UNCHANGED <<st, box, count, lease, heard, anchor>>
   ELSE Diverges(e.line)
 
+AsTold(f, value) ==
+  CASE f = "rule"          -> value = step.rule
+    [] f = "session"       -> value = step.session
+    [] f = "proposal"      ->
+         value = IF step.told[1] = "propose" THEN st.proposal + 1 ELSE st.proposal
+    [] f = "reason"        ->
+         value = IF Len(step.told) = 2 THEN step.told[2] ELSE step.got.reason
+    [] f \in {"stations", "intentions"}     -> value = st.recorded
+    [] f \in {"prescription", "acceptance"} -> value = step.got.body
+    [] f = "lease_left_ms" ->
+         \A a \in armed : /\ a.timer = Timer("lease") /\ a.sure
+                          /\ a.due < This.largest  \* else it may be a larger one
+                          => value = a.due - step.t
+    [] OTHER               ->    \* a trajectory
+         f \in DOMAIN step.got.content /\ value = step.got.content[f]
+
 OnTold(e) ==
   IF /\ step.told[1] = e.name /\ step.told # Nothing
-     /\ e.name = "fallback" /\ e.reason # "" => e.reason = step.told[2]
+     /\ \A f \in DOMAIN e.fields : AsTold(f, e.fields[f])
   THEN /\ step' = [step EXCEPT !.told = Nothing]
        /\ UNCHANGED <<st, box, armed, count, lease, heard, anchor>>
   ELSE Diverges(e.line)
@@ -364,7 +422,7 @@ Unlogged(e) ==
      \/ /\ ~Promised("command")
         /\ \E c \in Guesses : \E r \in {Obeys(c, Opens(e))} :
              /\ (r.told = <<"refused">>) = Refused(e)
-             /\ Begin(e.line, r, Promised("indication"), <<>>, <<"none", 0>>)
+             /\ Begin(e.line, e.t, r, Promised("indication"), <<>>, NoMessage)
              /\ armed' = Runs(r, e.t, Untold, {})
              /\ lease' = IF c.name = "prescribe" THEN Untold ELSE lease
              /\ UNCHANGED <<heard, anchor>>
@@ -393,7 +451,7 @@ Line(e) ==
   IF e.kind \in Effects THEN Follows(e)
   ELSE IF Missing THEN Diverges(step.line)
   ELSE IF e.kind = "restart" THEN Restarted(e.line, e.t)
-  ELSE IF Missed(e.t) # {} THEN Overdue(e.line, Missed(e.t))
+  ELSE IF Missed(e) # {} THEN Overdue(e.line, Missed(e))
   ELSE IF e.kind = "beacon" THEN OnCamSent(e)
   ELSE Input(e)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from generated_logs import Json, Lines, good_logs, inner, mutated
 
 from automcm_spec.vocabulary.parameters import DEFAULTS, durations, longest_delay
+from automcm_traces.checker.compared import told
 
 # -- why a verdict on an edited log is right
 
@@ -168,8 +169,9 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
         )
         alone = one["ev"] == "receive" and _alone(edited, line)
         return FREE["content"] if opaque or alone else ""
-    if one["ev"] == "indication" and one["indication"]["name"] == two["indication"]["name"]:
-        return FREE["content"]
+    if one["ev"] == "indication":
+        content = [(i["name"], told(i["name"], i)) for i in (one["indication"], two["indication"])]
+        return FREE["content"] if content[0] == content[1] else ""
     if one["ev"] == "command" and one["command"]["name"] == two["command"]["name"]:
         return FREE["content"]
     at, _ = _step(good, line)

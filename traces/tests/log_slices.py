@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,15 @@ PARTS = (
 Records = list[dict[str, Any]]
 
 
-def judged(records: Records, kinds: tuple[str, ...], folder: Path) -> Verdict:
-    """The log with only these kinds of event, and the promise to hold all of them."""
-    kept = [r for r in records if r["rec"] != "event" or r["ev"] in kinds]
+def judged(
+    records: Records,
+    kinds: tuple[str, ...],
+    folder: Path,
+    some: Callable[[str], bool] = lambda ev: False,
+) -> Verdict:
+    """The log with only these kinds of event, and the promise to hold all of them; and ``some`` of
+    the events of other kinds."""
+    kept = [r for r in records if r["rec"] != "event" or r["ev"] in kinds or some(r["ev"])]
     lines = []
     for seq, record in enumerate(kept):
         change: dict[str, Any] = {"seq": seq} if record["rec"] == "event" else {}

@@ -191,12 +191,12 @@ def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path)
 
 
 def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[2], "receive", type="Prescription")
-    changed = edited(logs[2], tmp_path, put(number, "hold_ms", 1))
+    number = find(logs[2], "receive", type="Advertisement")
+    changed = edited(logs[2], tmp_path, put(number, "scenario", "merge"))
     assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
     verdicts = explain_files([logs[0], changed])
     assert where(verdicts[1]) == ("diverges", number, "forged")
-    assert verdicts[1].finding.expected == ("hold_ms: 2000 was sent, not 1",)
+    assert verdicts[1].finding.expected == ('scenario: "lane_change" was sent, not "merge"',)
 
 
 def test_the_small_log_of_the_page_is_what_it_says(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -17,13 +18,16 @@ from log_slices import PARTS, Records, judged, place
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
-from automcm_spec.vocabulary.parameters import Parameters
+from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Deadline
 from automcm_traces.checker.finding import Supposition
 from automcm_traces.checker.possible_states import _covers, _merge, _Supposing
 from automcm_traces.format.log import RECORD, PlainTimer
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
+
+CORPUS = Path(__file__).parents[1] / "corpus"
+GOOD = sorted((CORPUS / "behaviours").rglob("*.ndjson"))
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +86,52 @@ def test_every_slice_of_a_good_log_is_allowed_and_supposes_what_happened(tmp_pat
                 assert any(_happens(record, what) for record in between), (kinds, what)
                 supposed += 1
     assert supposed
+
+
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize("seed", range(21, 121))
+def test_an_event_of_a_kind_that_is_not_promised_never_makes_a_good_log_diverge(
+    seed: int, tmp_path: Path
+) -> None:
+    """A random part of each kind that is not promised is left in the log."""
+    chance = random.Random(seed)
+    good = [log.read_text().splitlines() for log in GOOD[seed % 100 :: 100]] + of_the_reference(
+        6, seed
+    )
+    assert len(good) >= 12
+    for lines in good:
+        records = [json.loads(line) for line in lines]
+        kinds = tuple(kind for kind in ALL if kind == "send" or chance.random() < 0.5)
+        part = {kind: chance.choice((0.1, 0.5, 0.9)) for kind in ALL}
+        verdict = judged(records, kinds, tmp_path, lambda ev, p=part: chance.random() < p[ev])
+        assert verdict.verdict == "allowed", (kinds, verdict)
+
+
+def event(t_ms: int, ev: str, **fields: Any) -> dict[str, Any]:
+    return {"rec": "event", "seq": 0, "t_ms": t_ms, "ev": ev, **fields}
+
+
+def test_end_8_a_quarantine_that_is_logged_ends_though_timers_are_not_promised(
+    tmp_path: Path,
+) -> None:
+    about = {"v": 1, "session": [1, 1], "seq": 1, "src": 1}
+    path = {"t0": 0, "points": [[0, 0, 0]]}
+    asked = about | {"type": "Advertisement", "scenario": "lane_change", "details": {}}
+    records = [
+        HEADER | {"station": 7, "parameters": in_header(Parameters().known)},
+        event(0, "restart"),
+        event(0, "timer", op="arm", timer={"name": "quarantine"}, deadline=6300),
+        event(7000, "receive", message=asked, planned=path),
+        event(
+            7000,
+            "send",
+            tx="7:1",
+            message=about | {"type": "Intention", "src": 7, "dst": 1, "planned": path},
+        ),
+        {"rec": "end", "seq": 0, "reason": "clean", "lost_records": 0},
+    ]
+    verdict = judged(records, ("receive", "restart", "send"), tmp_path, lambda _: True)
+    assert verdict.verdict == "allowed", verdict
 
 
 def _happens(record: dict[str, Any], what: str) -> bool:
@@ -253,7 +303,7 @@ def test_a_log_that_only_an_unseen_restart_explains_says_so(
 def test_what_is_left_of_a_bad_log_has_a_verdict(kinds: tuple[str, ...], tmp_path: Path) -> None:
     """Also where an unseen Ack, of which nothing is known, stands before the divergence."""
     verdicts = set()
-    for path in sorted((Path(__file__).parents[1] / "corpus" / "bad").glob("*.ndjson")):
+    for path in sorted((CORPUS / "bad").glob("*.ndjson")):
         try:
             records = [json.loads(line) for line in path.read_text().splitlines()]
             readable = all(r["rec"] != "event" or "ev" in r for r in records)

@@ -97,13 +97,13 @@ def _a_minute(_: Records, receiver: Records, late: bool) -> Records:
 @pytest.mark.parametrize(
     ("build", "rule"),
     [
-        (_intentions, "REL-1"),
+        (_intentions, "ADV-6"),
         (_advertisements, "PRE-1"),
-        (_accepts, "PRE-5"),
+        (_accepts, "NEG-3"),
         (_fin, "ACT-4"),
         (_abort, "ACT-2"),
         (_cancels, "REL-1"),
-        (_a_minute, "PRE-5"),
+        (_a_minute, "NEG-3"),
     ],
     ids=lambda x: x.__name__[1:] if callable(x) else x,
 )

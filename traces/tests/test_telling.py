@@ -212,7 +212,7 @@ TEXTS: list[tuple[Edit, int, str, list[str]]] = [
         ["by ACT-6: ", "in quarantine by ACT-6 since line 178, for 6300 ms"],
     ),
     (no_mark, 2, "ACT-5", ["expected: marks 1/1 (its session)"]),
-    (late_timer, 1, "REL-1", ["80 ms before; due 100 ms after line 20", "50 ms late (--late)"]),
+    (late_timer, 1, "ADV-2", ["80 ms before; due 100 ms after line 20", "50 ms late (--late)"]),
     (no_copy, 1, "ACT-5", ["is a copy missing? resend(Advertisement", "due 100 ms after line 17"]),
 ]
 

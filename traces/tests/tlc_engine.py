@@ -1,7 +1,7 @@
 """The independent judge: TLC checks logs on ``TraceCheck.tla``, thousands in one run.
 
-It shares only the reader with ``engine.py``. Station.tla itself decides, with its limits (MEM-1)
-and the real stations, not a graph of one or two peers.
+It shares only the reader and the table of the compared fields with ``engine.py``. Station.tla
+itself decides, with its limits (MEM-1) and the real stations, not a graph of one or two peers.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.support.paths import TLA
-from automcm_spec.vocabulary.parameters import LIMITS, TIMERS
+from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION
@@ -185,10 +185,6 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
         return Verdict(log.file, **about)
     event = next(event for at, event in log.events if at == line)
     expected = tuple(_expected(translation, rule, wanted))
-    if rule == "overdue":
-        rule = min(TIMERS[timer[0]].rule for timer in wanted[0])
-    if rule == "not armed" and isinstance(event, TimerEnd):
-        rule = TIMERS[event.timer.name].rule
     guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
     at = At(log.file, line)
     found = Finding("unexpected", rule, "", at, expected, event_words(event), Why(guard))

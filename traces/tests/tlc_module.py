@@ -14,8 +14,18 @@ from typing import Any, get_args
 
 from automcm_spec.vocabulary.application import Indication, names
 from automcm_spec.vocabulary.messages import CancelReason, MessageType, RefusalReason
-from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, cam_lead, durations, lease_lasts
-from automcm_traces.checker.track import PHASES, ROLES
+from automcm_spec.vocabulary.parameters import (
+    ADVERTISED_RANK,
+    DEFAULTS,
+    LIMITS,
+    TIMERS,
+    cam_lead,
+    durations,
+    lease_lasts,
+)
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.checker.compared import told
+from automcm_traces.checker.track import CONTENT, PHASES, ROLES
 from automcm_traces.format.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -34,8 +44,6 @@ Json = Any
 LARGEST = 10**9
 """The largest time, duration, seq or proposal; the sum of two must be below 2^31."""
 UNKNOWN = -1
-CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
-"""Fields that the application provides and the station only carries."""
 INDICATIONS = names(Indication)
 NAMED = (*get_args(MessageType), "none")
 REASON = (*get_args(RefusalReason), *get_args(CancelReason), "none", "")
@@ -101,12 +109,15 @@ class Translation:
         late = header.longest_delay if late_ms is None else late_ms
         drift = header.known.get("clock_drift", 0)
         lasts = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
+        ranks = (f"{name} |-> {row.rank}" for name, row in TIMERS.items())
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
         statements = ",".join(str(self._statement(event)) for _, event in self._log.events)
         complete = ", ".join(f'"{kind}"' for kind in header.complete)
         return (
             f"[ me |-> 1, ended |-> {_bool(self._log.ended)}, complete |-> {{{complete}}},\n"
+            f"largest |-> {LARGEST},\n"
             f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(lasts)}],\n"
+            f"rank |-> [{', '.join(ranks)}, advertised |-> {ADVERTISED_RANK}],\n"
             f"drift |-> {drift}, slack |-> {_clamped(cam_lead(drift, header.t_resend, 0))},\n"
             f"messages |-> <<{_table(self._messages)}>>,\n"
             f"timers |-> <<{_table(self._timers)}>>,\n"
@@ -137,9 +148,8 @@ class Translation:
             case ApplicationCommand():
                 return self._command(at, n, event)
             case ApplicationIndication(indication=indication):
-                fields = indication.model_extra or {}
-                reason = self._reason(fields.get("reason", ""))
-                return f'Told({at},"{self._safe(indication.name, INDICATIONS)}","{reason}")'
+                name = self._safe(indication.name, INDICATIONS)
+                return f'Told({at},"{name}",{self._told(event)})'
             case Restart():
                 return f'Event("restart",{at})'
 
@@ -229,6 +239,33 @@ class Translation:
             f"{self._small(m.get('seq', 0))},{self.station(named.get('station', 0))})",
         )
 
+    def _told(self, event: ApplicationIndication) -> str:
+        """The content of an indication that is compared, as a record."""
+        found = []
+        indication = event.indication
+        for name, value in told(indication.name, indication.model_extra or {}).items():
+            match name:
+                case "session":
+                    text = self._session(value)
+                case "proposal":
+                    text = str(self._small(value))
+                case "rule":
+                    text = f'"{self._safe(value, tuple(RULES))}"'
+                case "reason":
+                    text = f'"{self._reason(value)}"'
+                case "lease_left_ms":
+                    text = str(_clamped(value))
+                case "stations" | "intentions":
+                    ids = [self.station(s) for s in value] if isinstance(value, list) else [0]
+                    ids += [0] if len({*ids}) < len(ids) else []
+                    text = "{" + ",".join(map(str, sorted({*ids}))) + "}"
+                case "prescription" | "acceptance":
+                    text = str(self._interned(json.dumps(value, sort_keys=True)))
+                case _:
+                    text = str(self._interned(value))
+            found.append(f"{name} |-> {text}")
+        return f"[{', '.join(found)}]" if found else "<<>>"
+
     def _marks(self, m: dict[str, Json]) -> str:
         return "{" + ",".join(sorted({self._session(s) for s in m["marks"]})) + "}"
 
@@ -279,6 +316,8 @@ def _sessions(event: Event) -> Iterator[Json]:
             yield m.get("session")
             marks = m.get("marks")
             yield from marks if isinstance(marks, list) else []
+        case ApplicationIndication(indication=indication):
+            yield (indication.model_extra or {}).get("session")
         case ApplicationCommand(command=command):
             yield (command.model_extra or {}).get("session")
         case TimerArm(timer=timer) | TimerEnd(timer=timer):

@@ -27,12 +27,13 @@ def find(records: Records, ev: str, nth: int = 0, start: int = 0, **wanted: Json
 
 
 Spoil = Callable[[Records], int]
-WRONG: dict[str, tuple[str, Spoil]] = {}
+WRONG: dict[str, tuple[str, Spoil, str]] = {}
+"""Which log to spoil, how, and the rule if it is not only to be that of the other engine."""
 
 
-def wrong(base: str) -> Callable[[Spoil], Spoil]:
+def wrong(base: str, rule: str = "") -> Callable[[Spoil], Spoil]:
     def note(spoil: Spoil) -> Spoil:
-        WRONG[spoil.__name__] = (base, spoil)
+        WRONG[spoil.__name__] = (base, spoil, rule)
         return spoil
 
     return note
@@ -198,3 +199,46 @@ def mem_1_a_session_is_opened_without_room(r: Records) -> int:
 def mem_1_a_prescriber_too_many_is_remembered(r: Records) -> int:
     r[0]["parameters"]["memory_limit"] = 1
     return find(r, "receive", type="Advertisement", src=3003, phase="INTENDING") + 1
+
+
+def resent_first(r: Records, giving_up: Json) -> int:
+    """A message goes out once more at the instant at which its sending ends; the line."""
+    n = find(r, "timer", op="expire", **giving_up)
+    last = find(r, "timer", op="arm", deadline=r[n]["t_ms"], name="resend")
+    sent = max(
+        k for k in range(last) if r[k].get("ev") == "send" and "marks" not in r[k]["message"]
+    )
+    expires = {k: v for k, v in r[last].items() if k != "deadline"} | {"op": "expire"}
+    again = {**r[last], "deadline": r[n]["t_ms"] + 100}
+    copy = {**r[sent], "tx": "9:9"}
+    r[n:n] = [{**one, "t_ms": r[n]["t_ms"]} for one in (expires, copy, again)]
+    return n + 1
+
+
+@wrong(PRESCRIBER, "PRE-1")
+def an_advertisement_goes_out_at_the_end_of_the_window(r: Records) -> int:
+    return resent_first(r, {"name": "advertise"})
+
+
+@wrong("deaf/1", "REL-1")
+def a_fin_goes_out_once_too_often(r: Records) -> int:
+    n = find(r, "send", type="Fin")
+    message = {"type": "Fin", "to": 2, "session": [1, 1], "seq": r[n]["message"]["seq"]}
+    return resent_first(r, {"name": "giveup", "message": message})
+
+
+@wrong("deaf/1", "REL-1")
+def of_two_messages_the_younger_goes_out_first(r: Records) -> int:
+    n = find(r, "timer", start=find(r, "send", type="Prescription"), op="expire", name="resend")
+    assert r[n]["t_ms"] == r[n + 3]["t_ms"] and r[n + 3]["op"] == "expire"
+    r[n : n + 6] = r[n + 3 : n + 6] + r[n : n + 3]
+    return n + 1
+
+
+@wrong(RECEIVER, "ADV-8")
+def a_message_comes_first_at_the_instant_of_a_timer(r: Records) -> int:
+    n = find(r, "timer", op="expire", name="forget")
+    ack = {"v": 1, "type": "Ack", "src": 1001, "dst": 2002, "session": [1001, 1], "seq": 0}
+    message = ack | {"of": {"type": "Fin", "seq": 9}}
+    r.insert(n, {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "receive", "message": message})
+    return n + 1

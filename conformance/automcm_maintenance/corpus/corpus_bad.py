@@ -216,6 +216,14 @@ def _malformed(log: Log) -> tuple[int, bytes | None]:
     return line + 1, None
 
 
+def _forged_content(log: Log) -> tuple[int, bytes | None]:
+    line = log.find("receive", type="Prescription")
+    told = log.at(log.find("indication", name="verify"))["indication"]["prescription"]
+    for prescription in (log.at(line)["message"], told):
+        prescription["hold_ms"] = 1
+    return line, None
+
+
 SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
     # name, base, story, edit, verdict, rule, beside
     ("ack_missing", "pair-1001", "The Intention is recorded, but its Ack is never sent.",
@@ -293,7 +301,7 @@ SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
     ("restart_left_out", "restart", "The quarantine is armed, but no restart came before it.",
      _drop_input("restart"), "diverges", "", 0),
     ("forged_content", "pair-2002", "The Prescription received is not the one that was sent.",
-     _set("receive", {"message.hold_ms": 1}, type="Prescription"), "diverges", "forged", 1001),
+     _forged_content, "diverges", "forged", 1001),
     ("forged_message", "pair-2002", "A Prescription comes in a transmission nobody made.",
      _set("receive", {"tx": "1001:999"}, type="Prescription"), "diverges", "forged", 1001),
     ("cam_of_another", "pair-1001", "The station sends a CAM in another's name.",

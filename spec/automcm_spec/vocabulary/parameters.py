@@ -109,30 +109,27 @@ class TimerRow:
     rank: int
     """Of timers due at the same time, the one with the lowest rank fires first; of equal rank, the
     oldest."""
-    rule: str
-    """The rule that an early or late expiry violates."""
     lasts: Callable[[Known], int | None] | None = None
     """The duration. None for a lease and for a forget timer, which depend on the session (see
     below). The duration of a back-off is known only if its minimum and maximum are equal."""
 
 
 TIMERS: Final = {
-    "advertise": TimerRow(1, "PRE-1", lambda p: p["t_advertise"]),
-    "decide": TimerRow(3, "PRE-5", lambda p: p["t_decide"]),
-    "hold": TimerRow(4, "ADV-7", lambda p: p["t_hold"]),
-    "answer": TimerRow(5, "NEG-8", lambda p: p["t_decide"] + p["t_giveup"]),
-    "cam": TimerRow(6, "ACT-2", lambda p: p["t_cam_loss"]),
-    "lease": TimerRow(7, "ACT-4"),
-    "giveup": TimerRow(8, "REL-1", lambda p: p["t_giveup"]),
-    "resend": TimerRow(9, "REL-1", lambda p: p["t_resend"]),
+    "advertise": TimerRow(1, lambda p: p["t_advertise"]),
+    "decide": TimerRow(3, lambda p: p["t_decide"]),
+    "hold": TimerRow(4, lambda p: p["t_hold"]),
+    "answer": TimerRow(5, lambda p: p["t_decide"] + p["t_giveup"]),
+    "cam": TimerRow(6, lambda p: p["t_cam_loss"]),
+    "lease": TimerRow(7),
+    "giveup": TimerRow(8, lambda p: p["t_giveup"]),
+    "resend": TimerRow(9, lambda p: p["t_resend"]),
     "quarantine": TimerRow(
         10,
-        "END-8",
         lambda p: max(p["t_advertise"] + p["t_life"], p["t_cam_loss"] + longest_delay(p)),
     ),
-    "forget": TimerRow(11, "ADV-8"),
+    "forget": TimerRow(11),
     "backoff": TimerRow(
-        12, "END-7", lambda p: p["backoff_min"] if p["backoff_min"] == p["backoff_max"] else None
+        12, lambda p: p["backoff_min"] if p["backoff_min"] == p["backoff_max"] else None
     ),
 }
 ADVERTISED_RANK = 2

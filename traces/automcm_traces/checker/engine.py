@@ -12,13 +12,15 @@ from typing import NamedTuple, Self
 
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import Cam, Fields, Prescription
-from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, TIMERS, durations, lease_lasts
+from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, durations, lease_lasts, rank
 from automcm_spec.vocabulary.rules import RULES
-from automcm_spec.vocabulary.station import Input, Outcome, State, Station
+from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station
+from automcm_traces.checker.compared import wrongly_told
 from automcm_traces.checker.finding import Diverges, Late, Seen, Supposition
 from automcm_traces.checker.track import (
     NO_INDICATION,
     RESTARTED,
+    UNBOUND,
     CannotTell,
     Limits,
     Quarantine,
@@ -43,8 +45,10 @@ from automcm_traces.format.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
+    ForgetTimer,
     Header,
     MessageTimer,
+    PlainTimer,
     Receive,
     Restart,
     Send,
@@ -60,6 +64,7 @@ REMEMBERED = 20_000
 """The maximum number of answers of the specification kept in memory."""
 NO_OP_CAMS = 1000
 """The maximum number of cached steps for CAMs that change nothing."""
+LEASE = PlainTimer(name="lease")
 
 
 class Specification:
@@ -214,7 +219,7 @@ class Engine:
                 self._input(at, event)
             case _:
                 self.finish()
-                self._missed(at, event.t_ms)
+                self._missed(at, event.t_ms, event)
                 self._input(at, event)
         if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
             self.since_ms = event.t_ms
@@ -316,7 +321,7 @@ class Engine:
         self.step = Step(at, t_ms, event, *decided, *effects, m, k.content, t_ms)
 
     def _expired(self, at: int, event: Event, timer: Timer) -> None:
-        what, rule = f"expire {timer_name(timer)}", TIMERS[timer.name].rule
+        what, rule = f"expire {timer_name(timer)}", self._rule_of(timer)
         deadline = self.timers.pop(timer, None)
         seen = ("expire", timer)
         if deadline is None:
@@ -430,27 +435,27 @@ class Engine:
         raise Diverges(at, text, rule, wants, _by(rule), None, ("send", fields))
 
     def _indicated(self, at: int, event: ApplicationIndication) -> None:
-        name, m = event.indication.name, self.malformed
+        name, given = event.indication.name, event.indication.model_extra or {}
+        m = self.malformed
         may_be_reported = (m and not m.reported) or "receive" not in self.promised
-        if self.step is None and name == "discarded" and may_be_reported:
+        by_form = given.get("rule", "END-5") == "END-5"
+        if self.step is None and name == "discarded" and by_form and may_be_reported:
             self.malformed = m and m._replace(must_report=False, reported=True)
             return
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
-        if name not in step.indications:
-            wanted = self.outstanding() or step.indications or [NOTHING]
-            text = f"indication {name}"
-            raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
-        step.indications.remove(name)
-        fields = event.indication.model_extra or {}
-        if name == "fallback" and "reason" in fields:
-            reason = step.indication[1]
-            if reason == "as_sent":
-                given = step.content.get("reason", fields["reason"])
-                reason = getattr(step.given, "reason", None) or str(given)
-            if fields["reason"] != reason:
-                text, wants = f"indication fallback ({fields['reason']})", [f"fallback ({reason})"]
-                raise Diverges(at, text, step.rule, wants, step.guard, step, seen)
+        text, wanted, mismatch = f"indication {name}", self.outstanding() or step.indications, 0
+        if name in step.indications:
+            lease = self.timers.get(LEASE)
+            left = lease.first if lease and lease.first == lease.last else None
+            wrong = wrongly_told(name, given, step, self.track.state, left)
+            if not wrong:
+                step.indications.remove(name)
+                return
+            mismatch = 1 + len(wrong)
+            one, (should, is_) = next(iter(wrong.items()))
+            text += f" ({one}: expected {should}, got {is_})"
+        raise Diverges(at, text, step.rule, wanted or [NOTHING], step.guard, step, seen, mismatch)
 
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
         timer = event.timer
@@ -491,8 +496,6 @@ class Engine:
     def _assume_timers(self, step: Step) -> None:
         """Stop and arm the timers of the step, in a log that does not promise timer events."""
         stop, arm = self.timers_to_change()
-        if step.input[0] == "restart":
-            self.timers.clear()
         for timer in stop:
             self.timers.pop(timer, None)
         for timer, duration in arm:
@@ -515,17 +518,38 @@ class Engine:
         sent = (m.lease_ms for _, m in step.sent if isinstance(m, Prescription))
         return next(sent, None)
 
-    def _missed(self, at: int, t_ms: int) -> None:
-        """Raise Late for the first timer that should have expired more than late_ms before."""
-        late = [
-            (d.last, armed_name(timer), TIMERS[timer.name].rule, timer)
-            for timer, d in self.timers.items()
-            if d.last is not None and t_ms > d.last + self._late_ms
-        ]
-        if late:
-            due_ms, name, rule, timer = min(late, key=lambda one: one[:3])
-            text = f"{name} was due at least {t_ms - due_ms} ms before"
-            raise self._late(at, text, timer, rule)
+    def _missed(self, at: int, t_ms: int, event: Event | None = None) -> None:
+        """Raise Late if a timer should have expired more than late_ms before ``t_ms``.
+
+        If timers are complete, also if a due timer should have expired before this event: before a
+        message or command of its instant, or before a timer that comes later (docs/protocol.md,
+        section 3, items 5 and 6).
+        """
+        last = {t: d.last for t, d in self.timers.items() if d.last is not None and d.last <= t_ms}
+        if not last:
+            return
+
+        def turn(timer: Timer) -> tuple[int, int, int]:
+            """Due timers expire in ascending order of deadline, rank and age of the message."""
+            key = timer.message if isinstance(timer, MessageTimer) else None
+            entry = key and self.track.entry_of(key)
+            place = rank(timer.name, key is not None and key.type == "Advertisement")
+            return last[timer], place, self.track.outbox.index(entry) if entry else 0
+
+        first = min(last, key=turn)
+        name, rule, ms = armed_name(first), self._rule_of(first), t_ms - last[first]
+        match event:
+            case _ if ms > self._late_ms:
+                raise self._late(at, f"{name} was due at least {ms} ms before", first, rule)
+            case _ if "timer" not in self.promised:
+                return
+            case TimerEnd(timer=own) if own in last and turn(own) > turn(first):
+                text = f"expire {armed_name(own)}: {name}, due {ms} ms before, must expire first"
+            case ApplicationCommand() | Receive() if t_ms in last.values() and _is_input(event):
+                text = f"{name}, due {ms} ms before, must expire first"
+            case _:
+                return
+        raise Late(at, text, rule, [f"expire {name} before"], _by(rule))
 
     def _late(self, at: int, text: str, timer: Timer, rule: str) -> Late:
         """``text``, with when the timer was due, and how late it may be."""
@@ -536,6 +560,23 @@ class Engine:
         key = timer.message if isinstance(timer, MessageTimer) else None
         late.message = key.type if key and timer.name == "resend" else ""
         return late
+
+    def _rule_of(self, timer: Timer) -> str:
+        """The rule by which the specification decides the expiry of a timer, armed or not."""
+        t = self.track
+        value: spec.Timer = (timer.name,)
+        if isinstance(timer, MessageTimer):  # only the type of the message matters
+            type_ = timer.message.type if timer.message else "none"
+            value = timer.name, Entry(type_, 0, UNBOUND, 0, False)
+        elif isinstance(timer, ForgetTimer):
+            value = timer.name, timer.station or 0
+        return self._specification.answer(t.me, t.state, Expire("expire", value))[0].rule
+
+
+def _is_input(event: Event) -> bool:
+    """Whether an event is a command or a message, and not bytes that are none (END-5)."""
+    m = event.message if isinstance(event, Receive) else None
+    return isinstance(event, ApplicationCommand) or bool(m and not isinstance(typed(m), list))
 
 
 def _by(rule: str) -> str:

@@ -22,6 +22,7 @@ from automcm_spec.vocabulary.station import (
 from automcm_traces.checker.track import NUMBERED, UNBOUND, Track
 from automcm_traces.format.log import (
     ApplicationCommand,
+    ApplicationIndication,
     Event,
     ForgetTimer,
     MessageTimer,
@@ -183,6 +184,8 @@ def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
             fields = {"station": p}
         case ApplicationCommand(command=given):
             fields = given.model_extra or {}
+        case ApplicationIndication(indication=told) if told.name == "refused":
+            fields = {"target": SOMEBODY}  # of a command with a wrong target (PRE-2, NEG-7)
     names = ("src", "dst", "to", "target", "station")
     stations = {q for name in names if type(q := fields.get(name)) is int}
     sessions: set[Session] = set()

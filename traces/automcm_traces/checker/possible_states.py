@@ -207,7 +207,7 @@ class _Search:
             shows, is_logged = _shows(answer, self.event), self._is_logged(answer.outcome)
             if (is_logged and not shows) or not (answer.changes or shows):
                 continue
-            if not self._may_be(answer.input, base):
+            if not self._may_be(answer.input, base, shows):
                 continue
             supposing = base.copy()
             supposing.suppose(answer.input, self.at, self.after, self.event.t_ms)
@@ -231,12 +231,12 @@ class _Search:
             return True
         return False
 
-    def _may_be(self, i: Input, engine: Engine) -> bool:
-        """Whether an input may have happened unobserved."""
+    def _may_be(self, i: Input, engine: Engine, shows: bool) -> bool:
+        """Whether an input may have happened unobserved; ``shows``: the event may be its effect."""
         if _KINDS[i.kind] in self.promised:
             return False
         if i.kind == "cam":  # without logged timers, the timer cam is taken to last for ever
-            return "timer" in self.promised
+            return shows or "timer" in self.promised
         if i.kind != "expire":
             return True
         deadline = engine.timers.get(named(engine.track, [], i.timer))

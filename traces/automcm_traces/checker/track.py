@@ -41,6 +41,8 @@ from automcm_traces.format.log import (
 
 NUMBERED = tuple(m.__name__ for m in get_args(Message) if "proposal" in m.model_fields)
 """The message types whose seq in the specification is the proposal."""
+CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
+"""The fields of messages that the application gives and the station only carries."""
 REASONS = ("none", *ANSWER_REASONS)
 """The reasons that the specification distinguishes; it passes on all others unchanged."""
 ROUNDS = DEFAULTS["max_rounds"]
@@ -250,8 +252,8 @@ def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -
     if e.k and m.seq != t.seq + fresh + 1:
         return f"seq: a new message must take the next seq, {t.seq + fresh + 1}, not {m.seq}"
     fields = to_dict(m) if content else {}
-    for name in set(content) & set(fields) - {"session", "proposal", "target"}:
-        if not same(content[name], fields[name]):
+    for name in [name for name in CONTENT if name in content and name in type(m).model_fields]:
+        if not same(content[name], fields.get(name)):
             return f"{name}: differs from the value that the application gave"
     return None
 

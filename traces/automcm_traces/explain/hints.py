@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import Final
 
 from automcm_spec.vocabulary.messages import Cam
-from automcm_spec.vocabulary.parameters import TIMERS
 from automcm_spec.vocabulary.station import Station
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges, Seen
@@ -189,7 +188,7 @@ def _in_a_session(d: Diverges, track: Track) -> bool:
 def _about_cams(d: Diverges) -> bool:
     """Whether a CAM would explain what was found: the timer cam is overdue, or armed again."""
     if d.finding.kind == "overdue":
-        return d.finding.rule == TIMERS["cam"].rule
+        return d.finding.rule == "ACT-2"
     return d.seen is not None and d.seen[0] == "arm" and _is_cam(d.seen[1])
 
 

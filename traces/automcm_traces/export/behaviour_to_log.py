@@ -408,7 +408,7 @@ def _times(
     lengths: dict[Proposal, int] = {}
     for ran in leases.values():
         for key, lease in ran:
-            natural = base[lease.over] - base[lease.armed]
+            natural = base[lease.over] - base[lease.armed] + (not lease.expired)  # due later
             lengths[key] = max(lengths.get(key, 0), natural)
     for key in lengths:
         if lease_ms is not None:
