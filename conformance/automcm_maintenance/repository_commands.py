@@ -38,7 +38,7 @@ def verify(
         ),
     ] = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Ignore kept results: run all models.")
+        bool, typer.Option("--fresh", help="Ignore kept results: run all models and stages.")
     ] = False,
     json_: Json = None,
 ) -> None:

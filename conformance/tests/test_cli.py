@@ -208,7 +208,8 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     def broken(*_: object, **__: object) -> None:
         raise TlcError("java", "no Java")
 
-    monkeypatch.setattr(models, "check_all", broken)
+    monkeypatch.setattr(model_runs, "check_all", broken)
+    monkeypatch.setattr(verify_, "_oracle", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
     answer = automcm("generate")
@@ -230,12 +231,12 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     monkeypatch.setattr(generated_files, "_texts", lambda one_peer: texts)
     monkeypatch.setattr(generated_files, "_corpus", of_another_version)
     monkeypatch.setattr(vectors, "texts", raises)
-    monkeypatch.setattr(generated_files, "counterexample_drift", raises)
+    monkeypatch.setattr(generated_files, "_counterexamples", raises)
     monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
     cannot = "cannot be generated now: KeyError: 'PRE-6'"
     stale = "not what would be generated now; run make generate"
-    diagrams_, station, nowhere, vectors_, corpus, counterexamples, graph, remainder = (
-        generated_files.drift("quick", b"another oracle", lambda text: None)
+    diagrams_, station, nowhere, vectors_, corpus, graph, remainder = generated_files.drift(
+        "quick", b"another oracle", lambda text: None
     )
     assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
     assert station.endswith(
@@ -245,7 +246,7 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     assert nowhere == f"docs/nowhere.md: {stale}"
     assert vectors_ == f"conformance/vectors: {cannot}"
     assert corpus.startswith("traces/corpus: cannot be generated now: spec/oracle/tight.json.xz: ")
-    assert counterexamples == f"traces/counterexamples: {cannot}"
+    assert generated_files.counterexample_drift([]) == [f"traces/counterexamples: {cannot}"]
     assert remainder == f"conformance/suite/remainder.json: {stale}"
 
 
@@ -321,9 +322,8 @@ def test_verify_says_when_no_model_noticed(noticed: bool, monkeypatch: pytest.Mo
     report = good_report()
     if noticed:
         violates(report)
-    monkeypatch.setattr(generated_files, "drift", lambda *_: [])
     monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: True)
-    verify_._drift(report, b"", lambda text: None)
+    verify_._of_models(report, b"")
     assert report.as_dict()["unnoticed"] is not noticed
     assert ("no property covers what changed" in shown(report)) is not noticed
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from automcm_cli.spec.model_output import chosen, kept
+from automcm_maintenance.documents import attacker_table
 from automcm_spec.model_checking import model_runs, models, tlc
 from automcm_spec.model_checking.models import Model, ModelError, Verdict
 from automcm_spec.support import scratch
@@ -164,8 +165,18 @@ def test_a_model_with_too_little_memory_is_an_error(folder: Path) -> None:
     assert verdict.outcome == "error" and "ssumption" in str(verdict.error)
 
 
-def test_must_fail_models_are_quick() -> None:
-    assert {m.profile for m in models.load() if m.expect == "violates"} == {"quick"}
+def test_the_quick_models_break_each_property_and_each_rule_s_mechanism() -> None:
+    """None is left to *full* alone; nor is a kind of attacker."""
+    fails = [m for m in models.load() if m.expect == "violates"]
+    quick = [m for m in fails if m.profile == "quick"]
+
+    def rules_of(chosen: list[Model]) -> set[str]:
+        return {rule for m in chosen for rule in re.findall(r"[A-Z]{3}-\d", m.why)}
+
+    assert {m.property for m in quick} == {m.property for m in fails}
+    assert rules_of(quick) == rules_of(fails) and not [m for m in fails if m.profile == "deep"]
+    attacked = [m for m in models.of_profile(models.load(), "quick") if m.module in models.ATTACKED]
+    assert {attacker_table._attacker(m.config) for m in attacked} == set(attacker_table.ATTACKERS)
 
 
 def reached(cfg: str) -> set[str]:

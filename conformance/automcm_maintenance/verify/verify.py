@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib
 import json
 import time
-from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
@@ -19,9 +19,10 @@ from automcm_conformance.replay import graph_comparison
 from automcm_conformance.replay.behaviour_replay import replay
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.verify import kept_stages
 from automcm_spec.compilation import compiler
 from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
-from automcm_spec.model_checking import kept_results, models, tlc_simulation
+from automcm_spec.model_checking import kept_results, models, tlc, tlc_simulation
 from automcm_spec.model_checking.tlc import TlcError
 from automcm_spec.model_checking.toolchain import ToolError
 from automcm_spec.support import children, files
@@ -34,8 +35,15 @@ SEED = 7
 KEPT = ROOT / "runs" / "kept"
 """The folder of data for later runs: results of models, and durations of stages."""
 SECONDS = "seconds.json"
+CODE = ("spec/automcm_spec", "spec/tla", "spec/oracle", "pyproject.toml")
+"""What the graph of one station depends on."""
+COMPARED = (*CODE, "spec/simulation", "reference/automcm", "traces/automcm_traces", "conformance")
+"""What the comparisons depend on."""
+WHOLE = ("docs", "spec", "reference", "traces", "conformance", "README.md", *CODE)
+"""What the generated files depend on."""
 EARLIER = 3
 """Number of runs whose durations are kept."""
+T = TypeVar("T")
 _HISTORY = TypeAdapter(dict[str, dict[str, list[float]]])
 
 
@@ -53,6 +61,8 @@ class Report:
     rule: str | None = None
     """The rule of the short loop, which uses the small graph and disables only this rule."""
     verdicts: list[models.Verdict] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+    """The models that the quick profile leaves to *full*."""
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, graph_comparison.Comparison] = field(default_factory=dict)
     compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
@@ -68,6 +78,11 @@ class Report:
     """Whether the specification's graph differs from the committed one, but no model does."""
     errors: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+    """The duration of each stage; the models are checked beside the other stages."""
+    elapsed: float = 0.0
+    kept_stages: list[str] = field(default_factory=list)
+    """The stages with a kept result."""
+    fresh: bool = False
     earlier: dict[str, list[float]] = field(default_factory=dict)
     """The durations of each stage in earlier runs of this profile here, the last one first."""
 
@@ -87,9 +102,10 @@ class Report:
         return f" (earlier: {times} s)" if times else ""
 
     @property
-    def transitions_only(self) -> set[str]:
-        """Graphs of which only the transitions are compared."""
-        return {oracle_generation.TWO_PEERS.name} if self.profile == "quick" else set()
+    def graphs(self) -> tuple[oracle_generation.Graph, ...]:
+        """The graphs that are compared, beside the one of the present specification."""
+        larger = () if self.profile == "quick" else (oracle_generation.TWO_PEERS,)
+        return (oracle_generation.TIGHT, *larger)
 
     @property
     def divergences(self) -> list[dict[str, Any]]:
@@ -153,6 +169,8 @@ class Report:
             "models_too": self.models_too,
             "rule": self.rule,
             "unnoticed": self.unnoticed,
+            "left_to_full": self.left,
+            "kept_stages": self.kept_stages,
             "models": [model_output.as_dict(v) | {"kept": v.kept} for v in self.verdicts],
             "kept": self.kept,
             "oracle": self.oracle,
@@ -191,17 +209,14 @@ def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Adapter:
     return Reference(constants, without(rule))
 
 
-def _walk(data: bytes, transitions_only: bool) -> graph_comparison.Comparison:
+def _walk(data: bytes) -> graph_comparison.Comparison:
     graph = oracle.parse(data, "oracle")
-    return graph_comparison.walk(
-        graph, reference(graph.constants), transitions_only=transitions_only
-    )
+    return graph_comparison.walk(graph, reference(graph.constants))
 
 
-def _agree(data: bytes, transitions_only: bool) -> oracle_agreement.Agreement:
+def _agree(data: bytes) -> oracle_agreement.Agreement:
     graph = oracle.parse(data, "oracle")
-    station = json_forms.open_station(graph.constants)
-    return oracle_agreement.compare(graph, station, transitions_only=transitions_only)
+    return oracle_agreement.compare(graph, json_forms.open_station(graph.constants))
 
 
 def _cover(data: bytes, wanted: Collection[str]) -> graph_comparison.Coverage:
@@ -242,17 +257,58 @@ def run(
     """
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
-    report = Report(profile, models_too, rule)
+    report = Report(profile, models_too, rule, fresh=fresh or profile != "quick")
     report.earlier = _history().get(report.loop, {})
-    try:
-        if rule is not None:
+    started = time.monotonic()
+    if rule is not None:
+        with _errors(report):
             _compare_rule(report, rule, notify)
-        else:
-            if models_too:
-                _models(report, notify, fresh)
-            data = _oracle(report, oracle_generation.ONE_PEER, notify)
-            _compare(report, data, notify)
-            _drift(report, data, notify)
+    else:
+        _stages(report, notify)
+    report.elapsed = time.monotonic() - started
+    if report.ok:
+        _remember(report)
+    return report
+
+
+def _stages(report: Report, notify: Callable[[str], None]) -> None:
+    """Check the models beside the other stages, each of which uses one core or two."""
+    stop = tlc.Stop()
+    with ThreadPoolExecutor(1) as beside:
+        checking = beside.submit(_models, report, notify, stop) if report.models_too else None
+        data = None
+        try:
+            with _errors(report):
+                data = _oracle(report, oracle_generation.ONE_PEER, notify)
+                _compare(report, data, notify)
+                _drift(report, data, notify)
+            if checking is not None:
+                with _errors(report):
+                    checking.result()
+        except BaseException:
+            stop.now()
+            raise
+    with _errors(report):
+        _of_models(report, data)
+
+
+def _of_models(report: Report, one_peer: bytes | None) -> None:
+    """What is said of the verdicts beside the verdicts."""
+    report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
+    report.drift += generated_files.counterexample_drift(report.verdicts)
+    report.unnoticed = (
+        one_peer is not None
+        and bool(report.verdicts)
+        and all(verdict.ok for verdict in report.verdicts)
+        and generated_files.graph_changed(one_peer)
+    )
+
+
+@contextmanager
+def _errors(report: Report) -> Iterator[None]:
+    """Failures of tools and inputs become errors of the report."""
+    try:
+        yield
     except (
         TlcError,
         ToolError,
@@ -264,9 +320,23 @@ def run(
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")
-    if report.ok:
-        _remember(report)
-    return report
+
+
+def _kept(
+    report: Report,
+    name: str,
+    parts: Sequence[str],
+    make: Callable[[], T],
+    clean: Callable[[T], bool],
+) -> T:
+    """The result of a stage, kept if the files that it depends on have not changed."""
+    if report.fresh:
+        return make()
+    key = kept_stages.key(ROOT, *parts)
+    found, earlier = kept_stages.kept(KEPT / f"{name}.stage", key, make, clean)
+    if earlier:
+        report.kept_stages.append(name)
+    return found
 
 
 def _history() -> dict[str, dict[str, list[float]]]:
@@ -301,8 +371,11 @@ def _timed(
         report.seconds[name] = time.monotonic() - started
 
 
-def _models(report: Report, notify: Callable[[str], None], fresh: bool) -> None:
-    chosen = models.of_profile(models.load(), report.profile)
+def _models(report: Report, notify: Callable[[str], None], stop: tlc.Stop) -> None:
+    loaded = models.load()
+    chosen = models.of_profile(loaded, report.profile)
+    if report.profile == "quick":
+        report.left = [model.cfg for model in loaded if model.profile == "full"]
     with _timed(report, "models", notify) as notify:
         notify(f"models 0/{len(chosen)}")
 
@@ -312,17 +385,20 @@ def _models(report: Report, notify: Callable[[str], None], fresh: bool) -> None:
             how = " (kept)" if verdict.kept else ""
             notify(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
 
-        kept_results.check_all(chosen, KEPT, fresh=fresh or report.profile != "quick", on_done=done)
+        kept_results.check_all(chosen, KEPT, fresh=report.fresh, on_done=done, stop=stop)
     order = [m.cfg for m in chosen]
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
-    report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
 
 
 def _oracle(report: Report, graph: oracle_generation.Graph, notify: Callable[[str], None]) -> bytes:
     with _timed(report, "oracle", notify) as notify:
         notify(f"oracle: {graph.name}")
-        data, _ = oracle_generation.build(graph, short=graph is oracle_generation.SMALL)
-        fresh = oracle.dump(data)
+
+        def make() -> bytes:
+            data, _ = oracle_generation.build(graph, short=graph is oracle_generation.SMALL)
+            return oracle.dump(data)
+
+        fresh = _kept(report, f"oracle {graph.name}", CODE, make, lambda data: True)
         written = oracle.parse(fresh, "oracle")
         report.oracle = {
             "states": len(written.states),
@@ -339,7 +415,7 @@ def _compare_rule(report: Report, rule: str, notify: Callable[[str], None]) -> N
     data = _oracle(report, oracle_generation.SMALL, notify)
     with _timed(report, "comparison", notify) as notify:
         notify("comparison: every state, every input")
-        report.compared = {oracle_generation.SMALL.name: _walk(data, False)}
+        report.compared = {oracle_generation.SMALL.name: _walk(data)}
         if not report.divergences:
             report.coverage = _cover(data, [rule])
 
@@ -356,11 +432,12 @@ def _load_reference() -> None:
 def _drift(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
     with _timed(report, "generated files", notify) as notify:
         notify("generated files")
-        report.drift += generated_files.drift(report.profile, one_peer, notify, report.verdicts)
-        report.unnoticed = (
-            bool(report.verdicts)
-            and all(verdict.ok for verdict in report.verdicts)
-            and generated_files.graph_changed(one_peer)
+        report.drift += _kept(
+            report,
+            "generated files",
+            WHOLE,
+            lambda: generated_files.drift(report.profile, one_peer, notify),
+            lambda drift: not drift,
         )
 
 
@@ -368,34 +445,70 @@ def _pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(2, initializer=children.end_with_parent)
 
 
+@dataclass
+class _Compared:
+    """The result of the stage of comparisons, as in ``Report``."""
+
+    compared: dict[str, graph_comparison.Comparison]
+    compiled: dict[str, oracle_agreement.Agreement]
+    coverage: graph_comparison.Coverage | None
+    behaviours: int
+    behaviour_differences: list[str]
+    drift: list[str]
+
+    @property
+    def clean(self) -> bool:
+        """Whether everything is as expected."""
+        differences = [c.differences for c in self.compared.values()]
+        differences += [a.differences for a in self.compiled.values()]
+        rules = self.coverage is not None and not self.coverage.uncovered
+        return rules and not (any(differences) or self.behaviour_differences or self.drift)
+
+
 def _compare(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+    with _timed(report, "comparison", notify) as notify:
+        found = _kept(
+            report,
+            "comparison",
+            COMPARED,
+            lambda: _comparisons(report, one_peer, notify),
+            lambda found: found.clean,
+        )
+    report.compared, report.compiled, report.coverage = (
+        found.compared,
+        found.compiled,
+        found.coverage,
+    )
+    report.behaviours, report.behaviour_differences = found.behaviours, found.behaviour_differences
+    report.drift += found.drift
+
+
+def _comparisons(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
     _load_reference()
-    with _timed(report, "comparison", notify) as notify, _pool() as pool:
+    drift = []
+    with _pool() as pool:
         notify("comparison: every state, every input")
         data = {oracle_generation.ONE_PEER.name: one_peer}
-        for graph in (oracle_generation.TIGHT, oracle_generation.TWO_PEERS):
+        for graph in report.graphs:
             try:
                 found = oracle.content(graph.path)
                 oracle.parse(found, graph.path, oracle_generation.spec_hash())
             except oracle.OracleError as error:
-                report.drift.append(generated_files.error_text(error))
+                drift.append(generated_files.error_text(error))
                 continue
             data[graph.name] = found
         # The largest first, because it takes half of the time.
         ordered = sorted(data, key=lambda name: -len(data[name]))
-        begun = {
-            name: pool.submit(_walk, data[name], name in report.transitions_only)
-            for name in ordered
-        }
+        begun = {name: pool.submit(_walk, data[name]) for name in ordered}
         agreed = {
-            name: pool.submit(_agree, data[name], name in report.transitions_only)
+            name: pool.submit(_agree, data[name])
             for name in (ordered if compiler.is_fresh() else ())  # else it is drift
         }
         covered = pool.submit(_cover, one_peer, RULES)
         behaved = pool.submit(_behave)
-        report.compared = {name: begun[name].result() for name in data}
-        report.compiled = {name: agreed[name].result() for name in agreed}
+        compared = {name: begun[name].result() for name in data}
+        compiled = {name: agreed[name].result() for name in agreed}
         notify("comparison: every rule taken away")
-        differs = report.compared[oracle_generation.ONE_PEER.name].differences
-        report.coverage = None if differs else covered.result()
-        report.behaviours, report.behaviour_differences = behaved.result()
+        differs = compared[oracle_generation.ONE_PEER.name].differences
+        coverage = None if differs else covered.result()
+        return _Compared(compared, compiled, coverage, *behaved.result(), drift)

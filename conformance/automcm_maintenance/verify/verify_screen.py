@@ -52,13 +52,19 @@ def show(report: Report, console: Console) -> None:
     if report.kept:
         of, same = len(report.verdicts), "nothing they depend on has changed"
         console.print(f"Kept        {report.kept} of {of} models: {same} (--fresh runs all)")
-    total = sum(report.seconds.values())
+    if report.kept_stages:
+        stages = ", ".join(report.kept_stages)
+        console.print(
+            f"Kept        {stages}: nothing they depend on has changed (--fresh runs all)"
+        )
+    if report.left:
+        console.print(f"Left to full  {', '.join(report.left)}: make verify ARGS='--profile full'")
     parts = "; ".join(
         f"{name} {seconds:.0f} s{report.took_earlier(name)}"
         for name, seconds in report.seconds.items()
     )
     word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
-    console.print(f"{word} after {total:.0f} s: {parts}.")
+    console.print(f"{word} after {report.elapsed:.0f} s: {parts}.")
 
 
 def _short_loop(report: Report) -> list[str]:
@@ -139,15 +145,13 @@ def _problem(v: models.Verdict) -> tuple[str, ...]:
 
 def _comparison(report: Report, console: Console) -> None:
     for name, c in report.compared.items():
-        what = "transitions" if name in report.transitions_only else "every input"
         console.print(
-            f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs ({what}), "
+            f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs (every input), "
             f"{c.differences} differences"
         )
     for name, a in report.compiled.items():
-        what = "transitions" if name in report.transitions_only else "every input"
         console.print(
-            f"Compiled    {name}: {a.states:,} states, {a.inputs:,} inputs ({what}), "
+            f"Compiled    {name}: {a.states:,} states, {a.inputs:,} inputs (every input), "
             f"{a.differences} differences"
         )
         for found in a.found[:1]:

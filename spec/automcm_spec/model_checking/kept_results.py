@@ -31,6 +31,7 @@ def check_all(
     fresh: bool = False,
     on_done: Callable[[models.Verdict], None],
     tla_dir: Path = TLA,
+    stop: tlc.Stop | None = None,
 ) -> None:
     """As ``model_runs.check_all``, but models with a kept result are not run.
 
@@ -54,7 +55,7 @@ def check_all(
                 _write(verdict, key, folder)
         on_done(verdict)
 
-    model_runs.check_all(rest, on_done=done, tla_dir=tla_dir)
+    model_runs.check_all(rest, on_done=done, tla_dir=tla_dir, stop=stop)
 
 
 def _key(model: models.Model, tla_dir: Path) -> str | None:

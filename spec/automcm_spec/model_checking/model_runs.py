@@ -63,6 +63,7 @@ def check_all(
     jobs: int = 2,
     on_done: Callable[[Verdict], None] | None = None,
     tla_dir: Path = TLA,
+    stop: tlc.Stop | None = None,
 ) -> list[Verdict]:
     """Check the models, several at a time, the longest first; returns the verdicts in the given
     order.
@@ -72,7 +73,7 @@ def check_all(
     """
     order = sorted(runs(chosen, tla_dir), key=lambda run: -sum(model.seconds for model in run))
     verdicts: dict[str, Verdict] = {}
-    stop = tlc.Stop()
+    stop = stop or tlc.Stop()
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         futures = [pool.submit(_check, run, tla_dir, stop) for run in order]
         try:
@@ -214,15 +215,10 @@ def _definitions(text: str) -> dict[str, tuple[str, str]]:
 
 def _apart(parameters: str, body: str) -> tuple[str, str]:
     """A definition with a parameter ``st`` as one with ``ST``, because a variable has the name."""
-    own = re.compile(r"(?<![.\w])st\b(?! *\|->)")
-    return (
-        (own.sub("ST", parameters), own.sub("ST", body))
-        if own.search(parameters)
-        else (
-            parameters,
-            body,
-        )
-    )
+    own = re.compile(r"(?<![.\w])st\b(?! *\|->)")  # not a field
+    if not own.search(parameters):
+        return parameters, body
+    return own.sub("ST", parameters), own.sub("ST", body)
 
 
 def _specification(known: Mapping[str, tuple[str, str]], name: str) -> tuple[str, str, str]:

@@ -89,7 +89,7 @@ PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {
 PROFILES = ("quick", "full", "deep")
 
 #: A run of fewer seconds is too short for Java to optimise it well.
-SHORT_S = 10.0
+SHORT_S = 5.0
 
 _SENTENCE = re.compile(r"[.?!](?=\s|$)")
 _REACHED = re.compile(r'"<<\\"REACHED\\", \\"(.+)\\">>"')
@@ -255,8 +255,8 @@ def _config(model: Model) -> str:
                 raise ValueError(f"changes: {change} is what {model.base}.cfg says")
             lines[at] = line
         else:
-            constants = [n for n, old in enumerate(lines) if old.startswith("  ")]
-            lines.insert(len(lines) if word.isupper() else constants[-1] + 1, line)
+            last = max((n for n, old in enumerate(lines, 1) if old.startswith("  ")), default=1)
+            lines.insert(len(lines) if word.isupper() else last, line)
     if names := model.checks or ([] if model.breaks is None else [model.breaks]):
         lines = split("\n".join(lines))[0].splitlines()
         lines += [f"{_keyword(name)} {name}" for name in names]

@@ -121,8 +121,7 @@ class Stop:
             self._running.discard(process)
 
 
-_SHORT = ("-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC")
-_LONG = ("-XX:+UseParallelGC",)
+_SHORT = ("-XX:TieredStopAtLevel=1",)
 ARCHIVE_MB = 16
 """The smallest heap that has room for the archive."""
 
@@ -157,7 +156,8 @@ def run(
         command = [
             str(java),
             "-Xss64m",
-            *(_SHORT if short else _LONG),
+            "-XX:+UseSerialGC",
+            *(_SHORT if short else ()),
             *quick_start(heap_mb),
             "-XX:+ExitOnOutOfMemoryError",
             "-XX:-UsePerfData",
