@@ -17,6 +17,7 @@ from automcm_stage import (
     TARGET,
     THEIRS,
     Stage,
+    ack,
     advertisement,
     cam,
     cancel,
@@ -178,6 +179,40 @@ def test_bytes_and_the_message_they_hold_are_the_same_input() -> None:
     s, t = Stage(), Stage()
     assert s.hear(0, encode(advertisement())) == t.hear(0, advertisement())
     assert s.state == t.state
+
+
+# -- what the graph that is compared here is too small for; the stage compares
+
+
+def test_end_6_neg_6_of_another_station_or_proposal() -> None:
+    for role, phase in Stage.PHASES:
+        s = Stage().walk(role, phase)
+        for entry in s.state.outbox:
+            s.hear(s.now, ack(entry, src=7))
+        for answer in (yes(2), no(2), yes(2, OTHER), no(2, src=OTHER)):
+            s.hear(s.now, answer)
+        assert s.at == (role, phase)
+    s = Stage().walk("prescriber", "NEGOTIATING")
+    s.hear(2250, no())
+    s.do(2260, "prescribe", OWN, proposal=2)
+    assert {s.hear(2270, late())[0].rule for late in (no, yes)} == {"NEG-6"}
+
+
+def test_mem_1_participants() -> None:
+    """A withdrawn station counts on, and one whose Cancel overtakes its Intention."""
+    s = Stage(max_participants=2).walk("prescriber", "ADVERTISING")
+    joining = [intention(2), intention(3), intention(4), intention(2)]
+    leaving = [cancel(src=2, session=OWN), intention(4), cancel(src=4, session=OWN)]
+    rules = [s.hear(10, message)[0].rule for message in joining + leaving]
+    assert rules == ["ADV-5", "ADV-5", "MEM-1", "ADV-5", "END-2", "MEM-1", "END-3"]
+
+
+def test_mem_1_a_session_needs_room_in_the_outbox() -> None:
+    s = Stage(max_participants=2, outbox_limit=4).walk("receiver", "WAITING")
+    s.do(100, "abort", THEIRS)
+    (request,) = s.do(150, "request")
+    (join,) = s.hear(150, advertisement((8, 1)))
+    assert (request.rule, join.rule) == ("MEM-1", "MEM-1")
 
 
 # -- durations
