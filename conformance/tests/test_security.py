@@ -58,7 +58,9 @@ def found(text: str) -> set[str]:
 def test_nothing_that_is_read_is_run() -> None:
     sources = [p for name, folder in PACKAGES.items() for p in (ROOT / folder / name).rglob("*.py")]
     assert len(sources) > 100
-    words = {(path.name, word) for path in sources for word in found(path.read_text())}
+    named = re.compile(rf"\b({'|'.join(map(re.escape, (*MODULES, *CALLS, 'shell')))})\b")
+    texts = [(path.name, text) for path in sources if named.search(text := path.read_text())]
+    words = {(name, word) for name, text in texts for word in found(text)}
     assert words - ALLOWED == set()
 
 

@@ -42,6 +42,7 @@ def made() -> Json:
     return report.assemble(one, sweep.header(one, "quick", 1, SMALL), found)
 
 
+@pytest.mark.slow
 def test_near_sessions_agree_and_the_models_expect_it(made: Json) -> None:
     points = {(p["t_timeout"], p["distance_m"]): p for p in made["summary"]["sessions"]}
     assert points[2000, 25]["agreed"] == points[2000, 25]["trials"] == 4
@@ -49,6 +50,7 @@ def test_near_sessions_agree_and_the_models_expect_it(made: Json) -> None:
     assert points[0, 400]["loss"] > 0.4 > points[0, 400]["three_even"]
 
 
+@pytest.mark.slow
 def test_equal_measurements_do_not_differ_and_a_moved_one_does(made: Json) -> None:
     for fit in made["summary"]["fit"]:
         assert set(fit["largest"].values()) <= {0.0, None}
@@ -76,6 +78,7 @@ def test_runs_of_one_traffic_are_added() -> None:
     assert isinstance(both, Measured) and isinstance(both.rows[0], Row)
 
 
+@pytest.mark.slow
 def test_the_page_has_every_part(made: Json) -> None:
     text = report.page(made)
     for part in ("two jams", "| 2 s | 0 | 400 |", "| 20 | 159 | yes |", "| 0 s | 25 | 1 |"):
@@ -83,6 +86,7 @@ def test_the_page_has_every_part(made: Json) -> None:
     assert "None" not in text and "nan" not in text
 
 
+@pytest.mark.slow
 def test_the_crowd_without_control_sends_every_cam(made: Json) -> None:
     crowds = {row["control"]: row for row in made["summary"]["crowds"]}
     assert crowds[False]["per_s"] == pytest.approx(10, abs=0.05)

@@ -387,7 +387,7 @@ MADE = {
 }
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", MADE)
 def test_all_views_agree_on_runs_with_faults(tmp_path: Path, name: str) -> None:
     MADE[name](tmp_path / "logs")
