@@ -25,6 +25,7 @@ test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow and not deep" \
 	  --hypothesis-profile=quick $(ARGS)
 
@@ -91,7 +92,7 @@ fuzz: ready
 	@$(BIN)/python -m automcm_maintenance.benches.decoder_fuzz $(ARGS)
 
 clean:
-	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build site
+	@rm -rf .venv .coverage .coverage.* .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache runs dist build site
 	@find spec reference traces conformance -name __pycache__ -prune -exec rm -rf {} +
 
 # If make runs twice in one clone, the second waits until the first has installed everything.

@@ -22,7 +22,7 @@ GROUPS = {
         "Show, check, compare and convert logs of stations.",
     ),
     "spec": (
-        ["automcm_cli.spec.spec_commands", f"{_MAINTENANCE}.spec_commands"],
+        ["automcm_cli.spec.spec_commands", f"{_MAINTENANCE}.spec_mutation.spec_commands"],
         "Check, simulate and mutate the TLA+ models.",
     ),
     "bench": (
@@ -34,11 +34,15 @@ GROUPS = {
         "Test vectors for the trajectory kernels and for signed messages.",
     ),
     "simulate": (
-        ["automcm_cli.reference.simulate_command", "automcm_cli.reference.traffic_command"],
+        [
+            "automcm_cli.reference.simulate_command",
+            "automcm_cli.reference.traffic_command",
+            "automcm_evaluation.sweeps.traffic_sweep_command",
+        ],
         "Run scenarios on a simulated road, and in the traffic of SUMO.",
     ),
     "experiment": (
-        ["automcm_cli.reference.experiment_commands"],
+        ["automcm_evaluation.sweeps.experiment_commands"],
         "Run the experiments of the evaluation.",
     ),
     "keys": (["automcm_cli.reference.keys_commands"], "Keys and certificates of stations."),
@@ -49,8 +53,11 @@ GROUPS = {
     ),
 }
 """For each group: its modules, each with an ``app``, and its help text."""
-_TOP = f"{_MAINTENANCE}.repository_commands"
-_ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "prove", "verify")
+_TOP = f"{_MAINTENANCE}.verify.repository_commands"
+_ONLY_IN_A_CLONE = (
+    *("bench", "certify", "experiment", "generate", "mutate", "pages", "prove", "traffic-sweep"),
+    "verify",
+)
 
 
 def _installed(module: str) -> bool:

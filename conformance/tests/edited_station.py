@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.compilation import compiler
+from automcm_maintenance.compilation import compiler
 
 
 def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:

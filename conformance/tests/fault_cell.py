@@ -20,8 +20,8 @@ from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.clock import AsyncioClock
 from automcm.links.udp_link import BROADCAST_HOST, UdpLink
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.service import McService
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_file
 

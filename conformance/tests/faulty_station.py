@@ -25,9 +25,9 @@ from typing import Any
 
 from automcm.core.state import State
 from automcm.core.station import Effects
-from automcm.scenarios.straight_lane import Straight
 from automcm.service import line_output, service, station_process
 from automcm_cli.main import app
+from automcm_simulation.road.straight_lane import Straight
 
 _write, _monotonic = os.write, time.monotonic
 FOREVER = threading.Event()

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_maintenance.code_mutation.cpp_station import (
     SECONDS,
     SOURCE,
@@ -22,6 +20,8 @@ from automcm_maintenance.code_mutation.cpp_station import (
     build_mutant,
     mutants,
 )
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 
 Json = Any
 AUTOMCM = Path(sys.executable).parent / "automcm"

@@ -11,10 +11,10 @@ import pytest
 
 from automcm.links.clock import VirtualClock
 from automcm.links.link import Receiver
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import McService
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.live.live_cases import CASES, LiveResult, Session, VirtualRun
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 from automcm_spec.vocabulary.parameters import Parameters

@@ -38,9 +38,9 @@ sys.path.append(str(ROOT / "reference/tests"))
 from seeded_bugs import BUGS
 
 from automcm_maintenance.code_mutation.source_mutants import Mutant, hash_of, of_file
-from automcm_maintenance.documents.import_graph import PACKAGES
+from automcm_maintenance.compilation import compiler, sany
+from automcm_maintenance.documents.repository import SOURCES
 from automcm_maintenance.spec_mutation import mutants
-from automcm_spec.compilation import compiler, sany
 from automcm_spec.model_checking import tlc
 from automcm_spec.model_checking.toolchain import ToolError
 from automcm_spec.support.paths import TLA
@@ -59,9 +59,9 @@ def modules(only: str) -> list[Path]:
     """The product's modules, except generated ones."""
     return [
         path
-        for package, folder in PACKAGES.items()
+        for package, folder in SOURCES.items()
         if only in ("", package)
-        for path in sorted((ROOT / folder / package).rglob("*.py"))
+        for path in sorted(folder.rglob("*.py"))
         if path.name != "__init__.py"
         and "templates" not in path.parts
         and "Generated:" not in path.read_text(encoding="utf-8")[:200]
@@ -249,7 +249,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=80)
     parser.add_argument("--skip", type=int, default=0, help="skip this many faults")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="", choices=["", *PACKAGES])
+    parser.add_argument("--only", default="", choices=["", *SOURCES])
     chosen = parser.parse_args()
     quick: list[str] = []
     slow: list[str] = []

@@ -12,10 +12,10 @@ from cli_stage import automcm
 from wrong_station import station
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.writer import LogWriter
 from automcm_traces.explain.explain import explain_files
-from automcm_traces.format.writer import LogWriter
 
 Json = Any
 REFERENCE = station()

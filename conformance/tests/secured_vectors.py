@@ -12,7 +12,7 @@ import secured_certificates
 import secured_envelopes
 
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import vectors
+from automcm_maintenance.exact_vectors import vector_texts
 
 HEX, MS, S = "hexadecimal", "ms since 1970", "s since 1970"
 TABLES = {
@@ -28,7 +28,7 @@ TABLES = {
 def text(kernel: str) -> str:
     """The text of the file."""
     table, units = TABLES[kernel]
-    return vectors.text(
+    return vector_texts.text(
         {
             "schema": "automcm.vectors/1",
             "kernel": kernel,

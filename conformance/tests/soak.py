@@ -29,12 +29,12 @@ from typing import Any
 import typer
 
 from automcm.encoding.codec import JSON
-from automcm.links.relay import Relay
 from automcm.links.simulated_radio import Channel
 from automcm.links.udp_link import UdpLink
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.station_process import NumberFile, StationProcess
 from automcm_cli.reference.station_commands import carry_out
+from automcm_simulation.radio.relay import Relay
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_file
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from automcm.adapters.spec_mapping import Reference, without
-from automcm_conformance.replay.behaviour_replay import replay, seen_by
+from automcm_maintenance.verify.behaviour_replay import replay, seen_by
+from automcm_maintenance.verify.spec_mapping import Reference, without
 from automcm_spec.model_checking import tlc_simulation
 from automcm_spec.model_checking.tlc_simulation import Behaviour
 from automcm_spec.vocabulary.renumbering import input_of, state

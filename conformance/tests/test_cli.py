@@ -11,12 +11,12 @@ import pytest
 from cli_stage import automcm, shown
 
 from automcm_cli.spec import model_output
-from automcm_conformance.replay.graph_comparison import Comparison, Coverage, Divergence
 from automcm_conformance.vectors import vectors
+from automcm_maintenance.compilation import compiler
+from automcm_maintenance.compilation.sany import Refused
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import verify as verify_
-from automcm_spec.compilation import compiler
-from automcm_spec.compilation.sany import Refused
+from automcm_maintenance.verify.graph_comparison import Comparison, Coverage, Divergence
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement, Difference
 from automcm_spec.model_checking import model_runs, models, tlc

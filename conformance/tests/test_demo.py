@@ -18,8 +18,8 @@ import pytest
 from cli_stage import AUTOMCM, LIMIT_S, automcm, automcm_process
 
 from automcm.links.udp_link import bind
-from automcm_cli.reference.demo_processes import Demo, Vehicle
-from automcm_traces.format.reader import read
+from automcm_simulation.road.demo_processes import Demo, Vehicle
+from automcm_spec.log_format.reader import read
 
 LATE_MS = 50
 """An alarm that rings so late (half of ``t_resend``) is a pause of the machine, not of the station;
@@ -137,7 +137,7 @@ def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> No
 def test_a_process_that_hangs_or_leaves_early_is_a_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("automcm_cli.reference.demo_processes.ENDING_S", 2)
+    monkeypatch.setattr("automcm_simulation.road.demo_processes.ENDING_S", 2)
     early = shown(tmp_path / "early", C=["--for", "2500"])
     assert early.problems[0] == "C: ended before SIGTERM"
 

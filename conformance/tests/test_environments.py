@@ -9,9 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli_stage import AUTOMCM
-
 from automcm_maintenance.documents.import_graph import PACKAGES
+from cli_stage import AUTOMCM
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "ein Weg (mit Ümläuten) & 'mehr'"

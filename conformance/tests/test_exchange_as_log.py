@@ -10,9 +10,9 @@ from suite_stage import IGNORES, Suite
 from suite_stage import conform as conform
 from wrong_station import station
 
+from automcm_spec.log_format.reader import read
 from automcm_traces.checker.finding import Finding
 from automcm_traces.checker.follow import follow
-from automcm_traces.format.reader import read
 
 CASES = ("AMCM/RCV", "AMCM/PRE/NEG")
 SAYS = """

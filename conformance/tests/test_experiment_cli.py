@@ -14,11 +14,10 @@ from typing import Any
 import pytest
 from cli_stage import AUTOMCM, automcm
 
-from automcm_cli.reference import experiment_commands
-from automcm_evaluation.framework import figures
-from automcm_evaluation.sweeps import report
+from automcm_evaluation.sweeps import experiment_commands, report
 from automcm_evaluation.sweeps.catalogue import NAMES
 from automcm_maintenance.documents import generated_files
+from automcm_simulation.road import figures
 
 Json = Any
 SMALL = [

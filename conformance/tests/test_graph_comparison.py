@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from automcm.adapters.spec_mapping import (
+from automcm_maintenance.verify.graph_comparison import LIMIT, covered, explain, walk
+from automcm_maintenance.verify.spec_mapping import (
     Reference,
     abstract,
     abstract_input,
@@ -15,7 +16,6 @@ from automcm.adapters.spec_mapping import (
     concrete,
     without,
 )
-from automcm_conformance.replay.graph_comparison import LIMIT, covered, explain, walk
 from automcm_spec.graph import oracle_generation
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.vocabulary.station import Cam, Receive

@@ -10,6 +10,8 @@ import pytest
 
 z3 = pytest.importorskip("z3", reason="needs the extra prove")
 
+from automcm_maintenance.compilation import sany  # noqa: E402
+from automcm_maintenance.compilation.sany import Specification  # noqa: E402
 from automcm_maintenance.induction import prove_commands, symbolic  # noqa: E402
 from automcm_maintenance.induction.proof import (  # noqa: E402
     ENTRIES,
@@ -19,8 +21,6 @@ from automcm_maintenance.induction.proof import (  # noqa: E402
     Prover,
     Result,
 )
-from automcm_spec.compilation import sany  # noqa: E402
-from automcm_spec.compilation.sany import Specification  # noqa: E402
 from automcm_spec.model_checking import models  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
 from automcm_spec.vocabulary.application import Command, names  # noqa: E402

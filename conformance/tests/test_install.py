@@ -42,11 +42,11 @@ from functools import partial
 from pathlib import Path
 from automcm.encoding.codec import codec
 from automcm.links.udp_link import UdpLink
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm.service.station_process import StationProcess
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.follow import follow
-from automcm_traces.format.reader import read
+from automcm_spec.log_format.reader import read
 to = ("127.255.255.255", 20_000 + os.getpid() % 10_000)
 link = partial(UdpLink, host="127.0.0.1", broadcast=to)
 station = StationProcess(
@@ -62,7 +62,7 @@ print(websocket_bridge.WebSocketBridge)
 """
 MAP = """
 from pathlib import Path
-from automcm.kernels.lanelet_map import LaneMap, MapError
+from automcm_simulation.road.lanelet_map import LaneMap, MapError
 try:
     LaneMap(Path("nowhere.osm"), (49.0, 9.0))
 except MapError as error:
@@ -83,7 +83,7 @@ verifier = Verifier([authority.public_key()], JSON, Parameters())
 print(verifier.receive(signer.sign(message, 1000), 1000))
 """
 CHANNEL = """
-from automcm.links.ns3_radio import Ns3Radio
+from automcm_simulation.radio.ns3_radio import Ns3Radio
 radio = Ns3Radio(1)
 radio.move({1: (0.0, 0.0), 2: (25.0, 0.0)})
 radio.transmit(1, 150, 0, 1)

@@ -19,7 +19,7 @@ from station_stage import Road, Running, road
 
 from automcm.security import cose
 from automcm.service import key_files
-from automcm_cli.reference.demo_processes import Demo, Vehicle
+from automcm_simulation.road.demo_processes import Demo, Vehicle
 
 SIGNED = ("--set", "t_timeout=700")
 """Short sessions, but messages are fresh for 800 ms, also on a busy machine."""

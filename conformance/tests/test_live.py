@@ -18,12 +18,12 @@ from cli_stage import AUTOMCM, REFERENCE, automcm, broadcast
 from live_stage import BY_NAME, JITTER, STATION, Json, Radio, World, fair, judge, only, session
 from live_stage import oracle as oracle
 
-from automcm.scenarios.straight_lane import Straight
 from automcm_cli.conform import conform_live
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.live.live_cases import CASES, Case, virtual_run
 from automcm_conformance.suite.scripts import expire
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle
 
 

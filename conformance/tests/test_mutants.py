@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from automcm.adapters.spec_mapping import Reference
-from automcm_conformance.replay.graph_comparison import walk
+from automcm_maintenance.verify.graph_comparison import walk
+from automcm_maintenance.verify.spec_mapping import Reference
 from automcm_spec.graph import oracle_generation
 from automcm_spec.graph.oracle import dump, parse
 from automcm_spec.support.paths import TLA
@@ -24,8 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "reference" / "automcm"
 
 WALK = """
-from automcm.adapters.spec_mapping import Reference
-from automcm_conformance.replay.graph_comparison import walk
+from automcm_maintenance.verify.spec_mapping import Reference
+from automcm_maintenance.verify.graph_comparison import walk
 from automcm_spec.graph import oracle, oracle_generation
 graph = oracle.load(oracle_generation.ONE_PEER.path)
 found = walk(graph, Reference(graph.constants), stop_at_first=True).divergences

@@ -10,7 +10,6 @@ from automcm.encoding.codec import JSON
 from automcm.links.clock import VirtualClock
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Radio
-from automcm.scenarios.straight_lane import Straight
 from automcm.security import budget, certificates, cose, verifier
 from automcm.security.signer import Signer
 from automcm.security.verifier import Reason, Verifier
@@ -18,6 +17,7 @@ from automcm.service import key_files, secured_service
 from automcm.service.secured_service import attach
 from automcm.service.service import McService
 from automcm_maintenance.benches import security_bench
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.messages import MAX_BYTES
 from automcm_spec.vocabulary.parameters import Parameters
 

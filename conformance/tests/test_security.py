@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from automcm_maintenance.documents import attacker_table
-from automcm_maintenance.documents.import_graph import PACKAGES
 from automcm_spec.model_checking import models
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -17,8 +16,12 @@ PAGE = ROOT / "docs" / "security.md"
 NAMED = re.findall(r"\[(test_\w+)\]\(\.\./([\w/]+\.py)\)", PAGE.read_text())
 MODULES = ("pickle", "marshal", "shelve", "yaml", "gzip", "zipfile", "tarfile", "bz2", "zlib")
 CALLS = ("eval", "exec", "os.system", "os.popen")
-ALLOWED = {("mutated_process.py", "exec"), ("conditions.py", "exec"), ("independence.py", "exec")}
-"""A mutant that the kit has made itself; our own compiled station, with hooks, and
+ALLOWED = {
+    *(("mutated_process.py", "exec"), ("conditions.py", "exec"), ("independence.py", "exec")),
+    ("kept_stages.py", "pickle"),
+}
+"""A mutant that the kit has made itself; results that ``make verify`` keeps in its own clone, which
+is code as much as they are; our own compiled station, with hooks, and
 our own compiled lemmas."""
 
 
@@ -56,7 +59,7 @@ def found(text: str) -> set[str]:
 
 
 def test_nothing_that_is_read_is_run() -> None:
-    sources = [p for name, folder in PACKAGES.items() for p in (ROOT / folder / name).rglob("*.py")]
+    sources = [p for folder in ROOT.glob("*/**/automcm*") for p in folder.rglob("*.py")]
     assert len(sources) > 100
     named = re.compile(rf"\b({'|'.join(map(re.escape, (*MODULES, *CALLS, 'shell')))})\b")
     texts = [(path.name, text) for path in sources if named.search(text := path.read_text())]

@@ -12,9 +12,10 @@ import pytest
 from cli_stage import automcm
 
 from automcm_cli.reference import simulate_command, traffic_command
+from automcm_evaluation.sweeps import traffic_sweep_command
 from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
-from automcm_evaluation.traffic import sumo_mover
 from automcm_maintenance.benches import kernel_bench
+from automcm_simulation.traffic import sumo_mover
 
 CORPUS = Path(__file__).parents[2] / "traces" / "corpus"
 PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
@@ -205,7 +206,7 @@ def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ran.append((values["scenario"], values["seed"]))
         return _run_of(values)
 
-    monkeypatch.setattr(traffic_command, "_checked", checked)
+    monkeypatch.setattr(traffic_sweep_command, "_checked", checked)
     monkeypatch.setattr(sumo_mover, "sumo_home", lambda: tmp_path)
     only = ("--scenario", "merge", "--scenario", "crossing", "--workers", "1")
     sweep = ("simulate", "traffic-sweep", *only, "--out", str(tmp_path))
@@ -244,8 +245,8 @@ def test_a_traffic_sweep_needs_sumo_and_known_scenarios(
 def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
     good = sorted((CORPUS / "pair").glob("*.ndjson"))
     bad = CORPUS / "bad" / "busy_accepted.ndjson"
-    assert len(good) > 1 and traffic_command.not_allowed(good) == []
-    (line,) = traffic_command.not_allowed([bad])
+    assert len(good) > 1 and traffic_sweep_command.not_allowed(good) == []
+    (line,) = traffic_sweep_command.not_allowed([bad])
     assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")
 
 

@@ -16,9 +16,9 @@ from cli_stage import AUTOMCM, LIMIT_S
 from station_stage import PRESCRIBER, RECEIVER, Road, Running, road
 
 from automcm.service.station_process import STOP_MS
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.explain.explain import explain_files
-from automcm_traces.format.reader import read
 
 BOTH = pytest.mark.parametrize("victim", [PRESCRIBER, RECEIVER])
 

@@ -10,8 +10,8 @@ import pytest
 from cli_stage import automcm
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.station import CONDITIONS
 
 COMMANDS = ("lint", "show", "coverage")

@@ -12,9 +12,9 @@ from replay_stage import REFERENCE, Json, edited, inputs, records, replay, verdi
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_conformance.replay.log_compare import LogComparison, Renaming
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 # -- what a log may hold

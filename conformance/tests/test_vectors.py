@@ -20,20 +20,21 @@ from vector_bugs import CASES, SUCCESS, mutated
 from automcm.adapters import vector_adapter
 from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import exact_kernels, vectors
+from automcm_conformance.vectors import vectors
+from automcm_maintenance.exact_vectors import exact_kernels, vector_texts
 
 
 @pytest.mark.slow
 def test_what_is_expected_is_filled_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(VECTORS, tmp_path, dirs_exist_ok=True)
-    right = vectors.texts()[VECTORS / "success.json"]
+    right = vector_texts.texts()[VECTORS / "success.json"]
     monkeypatch.setattr(vectors, "VECTORS", tmp_path)
     path = written(tmp_path, lambda file: [each.pop("expected") for each in file["vectors"]])
-    assert vectors.texts()[path] == right
+    assert vector_texts.texts()[path] == right
     for change in (lambda file: file.pop("vectors"), lambda file: file["vectors"].append(7)):
         with pytest.raises(vectors.VectorError, match=r"success\.json: vectors"):
             written(tmp_path, change)
-            vectors.texts()
+            vector_texts.texts()
 
 
 @pytest.mark.slow

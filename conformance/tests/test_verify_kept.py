@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from cli_stage import automcm, shown
 
-from automcm_conformance.replay.graph_comparison import Comparison, Coverage
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
+from automcm_maintenance.verify.graph_comparison import Comparison, Coverage
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
 from automcm_spec.model_checking.models import Model, Verdict

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from cli_stage import automcm, shown
 
-from automcm.adapters.spec_mapping import Reference, without
-from automcm_conformance.replay import graph_comparison
 from automcm_maintenance.documents import generated_files
+from automcm_maintenance.verify import graph_comparison
 from automcm_maintenance.verify import verify as verify_
+from automcm_maintenance.verify.spec_mapping import Reference, without
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 

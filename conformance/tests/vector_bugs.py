@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import exact_clocks, exact_geometry, exact_kernels, vectors
+from automcm_conformance.vectors import vectors
+from automcm_maintenance.exact_vectors import exact_clocks, exact_geometry, exact_kernels
 
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 SUCCESS = (VECTORS / "success.json").read_text()

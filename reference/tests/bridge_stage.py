@@ -18,9 +18,9 @@ from automcm.bridge.autoware import to_time
 from automcm.bridge.websocket_bridge import WebSocketBridge, _Client
 from automcm.links.clock import AsyncioClock
 from automcm.links.simulated_radio import Channel, Radio
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.application import AgreedManeuver, Application
 from automcm.service.service import McService
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.messages import Session
 from automcm_spec.vocabulary.parameters import Parameters
 

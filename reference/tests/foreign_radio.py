@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 from foreign_checks import run
 
-from automcm.links.ns3_radio import SEEDS, Ns3Radio
-from automcm.links.propagation import airtime_us
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured
+from automcm_simulation.radio.ns3_radio import SEEDS, Ns3Radio
+from automcm_simulation.radio.propagation import airtime_us
 from automcm_spec.support.extras import missing
 
 NAME = "25 per km"

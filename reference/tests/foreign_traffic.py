@@ -22,16 +22,16 @@ from typing import Any
 import foreign_checks
 import numpy as np
 
-from automcm.scenarios.road import STEP_S
+from automcm.applications.vehicle import STEP_S
 from automcm_evaluation.sweeps.traffic_sweep import SECONDS, drawn
-from automcm_evaluation.traffic import lanelet_network
-from automcm_evaluation.traffic.distance_guard import LEFT_M, limits
-from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
-from automcm_evaluation.traffic.sumo_mover import NETWORKS, SUBLANE_M, SumoMover, sumo_home
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_evaluation.traffic_scenarios.intersection_traffic import LaneletIntersection
-from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wrong
+from automcm_simulation.traffic import lanelet_network
+from automcm_simulation.traffic.distance_guard import LEFT_M, limits
+from automcm_simulation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
+from automcm_simulation.traffic.sumo_mover import NETWORKS, SUBLANE_M, SumoMover, sumo_home
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_simulation.traffic_scenarios.intersection_traffic import LaneletIntersection
+from automcm_simulation.traffic_scenarios.traffic_run import RadioName, Run, wrong
 from automcm_spec.support.extras import missing
 from automcm_traces.explain.explain import explain_files
 

@@ -16,8 +16,8 @@ from foreign_checks import run
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.sweeps import sweep
 from automcm_evaluation.sweeps.catalogue import experiment
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.sumo_mover import sumo_home
+from automcm_simulation.traffic.mover import TrafficError
+from automcm_simulation.traffic.sumo_mover import sumo_home
 
 
 def _quick() -> dict[str, Values]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange
-from automcm.scenarios.ramp_merge import STOP_M, Merge
+from automcm.applications.lane_change import LaneChange
+from automcm.applications.ramp_merge import STOP_M, Merge
+from automcm_simulation.road.drive import SimulatedDrive
 from automcm_spec.vocabulary import messages
 
 

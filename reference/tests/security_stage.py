@@ -11,12 +11,12 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from automcm.encoding.codec import JSON
 from automcm.links.link import Link, Receiver
 from automcm.links.secured import SecuredLink
-from automcm.scenarios.simulation import Simulation
 from automcm.security import certificates, cose, envelope, verifier
 from automcm.security.certificates import Credentials
 from automcm.security.signer import Signer
 from automcm.service.secured_service import attach
 from automcm.service.service import McService
+from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.messages import Cam, Message, encode
 from automcm_spec.vocabulary.parameters import Parameters
 

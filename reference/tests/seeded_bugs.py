@@ -16,7 +16,6 @@ from unittest import mock
 from stateful import Call, Coordination, profile, run, shortened
 from stateful_oracle import ALL, PROPERTIES, Broken
 
-from automcm.adapters.spec_mapping import without
 from automcm.core import station
 from automcm.core.advertising import answer_closed
 from automcm.core.outcome import Me, Outcome, Rules, leave
@@ -32,6 +31,7 @@ from automcm_evaluation.safety.ablations import (
     never,
     take_over,
 )
+from automcm_maintenance.verify.spec_mapping import without
 from automcm_spec.vocabulary.messages import Ack, Cancel, Prescription
 
 

@@ -9,10 +9,10 @@ import automcm_stage
 
 from automcm.links.clock import VirtualClock
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.application import Advertised, AgreedManeuver, Application, Choice, Proposal
 from automcm.service.service import McService
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.messages import Session, Trajectory, decode, encode
 
 PATH = Trajectory(t0=0, points=((0, 0, 0),))

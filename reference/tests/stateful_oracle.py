@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from automcm.adapters.spec_mapping import abstract, abstract_input, answer, is_copy
 from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart, Row
 from automcm.core.phases import WAYS
 from automcm.core.rules import RULES
 from automcm.core.state import State, Timer
 from automcm.core.station import Effects, Station
+from automcm_maintenance.verify.spec_mapping import abstract, abstract_input, answer, is_copy
 from automcm_spec.vocabulary import station as specification
 from automcm_spec.vocabulary.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.vocabulary.conditions import recording

@@ -11,8 +11,8 @@ from typing import Any
 from bridge_stage import Recorder, World, client
 
 from automcm.bridge import autoware
-from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import Choice
+from automcm_simulation.road.straight_lane import LANE_CHANGE
 
 POINT = (
     *("time_from_start", "pose", "longitudinal_velocity_mps", "lateral_velocity_mps"),

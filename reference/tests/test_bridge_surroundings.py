@@ -13,17 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from road_stage import said
 
+from automcm.applications.lane_change import LaneChange
+from automcm.applications.vehicle import Vehicle
 from automcm.bridge import rosbridge as ros
 from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
-from automcm.scenarios.drive import STEP_MS, Driver, SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange
-from automcm.scenarios.occupancy_sweep import CamOnly
-from automcm.scenarios.road import Vehicle
-from automcm.scenarios.simulation import Simulation
 from automcm.service import application
 from automcm.service.application import Choice, Heard, heard_by
 from automcm.service.service import NEIGHBOURS, McService
+from automcm_simulation.road.drive import STEP_MS, Driver, SimulatedDrive
+from automcm_simulation.road.occupancy_sweep import CamOnly
+from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
 
 LATENCY_MS = 7

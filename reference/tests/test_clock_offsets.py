@@ -14,12 +14,12 @@ from automcm.encoding.codec import JSON
 from automcm.links.clock_bounds import Bounds, bounds, in_step
 from automcm.links.simulated_radio import Channel
 from automcm.links.udp_link import UdpLink
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.application import Choice, Proposal
 from automcm.service.clock_offsets import CAMS, ClockOffsets
 from automcm.service.service import McService
 from automcm.service.station_process import StationProcess
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 KNOWN = Parameters().known

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from test_messages import BY_TYPE, changed
 
-from automcm.encoding import sizes
 from automcm.encoding.codec import FRAME_BYTES, JSON, Codec, CodecError, codec
 from automcm.encoding.uper import MAX_POINTS, SCHEMA, UPER
+from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_maintenance.benches import decoder_fuzz
 from automcm_spec.vocabulary.messages import (
     LIMIT,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from automcm.scenarios.road import STEP_S
-from automcm_evaluation.traffic.distance_guard import LEFT_M, limits
-from automcm_evaluation.traffic.mover import AUTOMATED, Body, RoadUser
+from automcm.applications.vehicle import STEP_S
+from automcm_simulation.traffic.distance_guard import LEFT_M, limits
+from automcm_simulation.traffic.mover import AUTOMATED, Body, RoadUser
 
 SIGHT_M = 100.0
 CAR, LORRY = (4.5, 1.8), (16.0, 2.5)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange
-from automcm.scenarios.road import Vehicle
+from automcm.applications.lane_change import LaneChange
+from automcm.applications.vehicle import Vehicle
+from automcm_simulation.road.drive import SimulatedDrive
 
 SPEED = 30 / 3.6
 

@@ -19,9 +19,9 @@ from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.encoding.codec import FRAME_BYTES
 from automcm.kernels.convert import V_EPS
 from automcm.kernels.trajectory import TrajectoryError, from_message
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.application import Kinematics
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.messages import Intention, MessageError, Trajectory, encode
 
 PLACE = "msg.trajectory"

@@ -10,8 +10,8 @@ from bridge_stage import BRIDGED, OTHER, Operator, Recorder, World, client, here
 
 from automcm.bridge.driver_role import DriverRole
 from automcm.bridge.websocket_bridge import WebSocketBridge
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 
 LOST, RETURN, EACH = 1500, 5000, 100
 SILENCE = 1700

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from automcm.scenarios.drive import FourVehicles
-from automcm.scenarios.lane_change import LaneChange
-from automcm.scenarios.road import Late
+from automcm.applications.lane_change import LaneChange
+from automcm.applications.vehicle import Late
 from automcm_evaluation.arrival import arrival, arrival_claims, sumo
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
 from automcm_evaluation.sweeps import report, sweep
+from automcm_simulation.road.drive import FourVehicles
 
 Json = Any
 SMALL: Json = {

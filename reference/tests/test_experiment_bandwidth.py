@@ -10,7 +10,6 @@ import pytest
 from automcm_stage import prescription
 
 from automcm.encoding.codec import JSON, CodecError, codec
-from automcm.scenarios.drive import FourVehicles
 from automcm_evaluation.bandwidth import bandwidth, bandwidth_air
 from automcm_evaluation.bandwidth.bandwidth_air import (
     BIN_MS,
@@ -40,6 +39,7 @@ from automcm_evaluation.bandwidth.bandwidth_summary import (
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
 from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.sweep import run_cell
+from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.messages import (
     Ack,
     Advertisement,

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automcm.scenarios.drive import FourVehicles
-from automcm.scenarios.lane_change import Plan
+from automcm.applications.lane_change import Plan
 from automcm_evaluation.comfort import comfort, comfort_claims
 from automcm_evaluation.comfort.comfort_courses import (
     COURSES,
@@ -42,6 +41,7 @@ from automcm_evaluation.comfort.comfort_measures import (
 )
 from automcm_evaluation.framework.experiment import Cell, Claim
 from automcm_evaluation.sweeps import report, sweep
+from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any

@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
+from automcm.applications.vehicle import Vehicle
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.road import Vehicle
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.loss import loss_page, loss_road, loss_sessions
@@ -27,6 +26,7 @@ from automcm_evaluation.loss.loss_tables import (
 )
 from automcm_evaluation.sweeps import report, sweep
 from automcm_evaluation.sweeps.catalogue import experiment
+from automcm_simulation.road.drive import SimulatedDrive
 
 Json = Any
 SMALL = Loss(

@@ -9,12 +9,13 @@ from typing import Any
 
 import pytest
 
-from automcm.links import relay, udp_link
+from automcm.links import udp_link
 from automcm.links.udp_link import bind
-from automcm.scenarios.straight_lane import Straight
 from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_evaluation.loss import loss_udp
 from automcm_evaluation.loss.loss_udp import over_udp
+from automcm_simulation.radio import relay
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 

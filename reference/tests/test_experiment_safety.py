@@ -12,19 +12,19 @@ import pytest
 from automcm.core import rules
 from automcm.core.state import State
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
 from automcm_evaluation.safety.faults import CUTS, KINDS, Fault, drawn, inject
-from automcm_evaluation.safety.hazard_measures import Watched, bound_ms
 from automcm_evaluation.sweeps.sweep import canonical, run_cell
+from automcm_simulation.road.hazard_measures import Watched, bound_ms
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.reader import read
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.messages import Fin, Session
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_spec.vocabulary.rules import RULES as RULE_IDS
-from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
 
 Json = Any

@@ -11,12 +11,12 @@ import pytest
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
 from automcm_evaluation.sweeps import report, sweep
 from automcm_evaluation.sweeps.catalogue import experiment
-from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_evaluation.traffic_experiment import traffic_cell
 from automcm_evaluation.traffic_experiment.crowd_sessions import all_ask, answers
 from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
 from automcm_evaluation.traffic_experiment.traffic_page import coverage, indifferent
 from automcm_evaluation.traffic_experiment.traffic_tables import claims, summary
+from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from road_stage import driven, lane_changers, rows, said
 
+from automcm.applications.lane_change import LaneChange, Plan
+from automcm.applications.planning import gained_at, read
+from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.kernels.verify import Limits
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange, Plan
-from automcm.scenarios.planning import gained_at, read
-from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
 from automcm.service.application import Advertised, Proposal
+from automcm_simulation.road.drive import FourVehicles, SimulatedDrive
+from automcm_simulation.road.road import Sample
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_files
@@ -288,7 +289,7 @@ LANELETS = """<osm version="0.6">
 
 def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
     pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
-    from automcm.kernels.lanelet_map import LaneMap, MapError
+    from automcm_simulation.road.lanelet_map import LaneMap, MapError
 
     path = tmp_path / "road.osm"
     path.write_text(LANELETS)
@@ -335,7 +336,7 @@ def test_a_map_is_read_despite_what_is_no_lane_or_one_line_says_why_not(
     was: str, now: str, problem: str, tmp_path: Path
 ) -> None:
     pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
-    from automcm.kernels.lanelet_map import LaneMap, MapError
+    from automcm_simulation.road.lanelet_map import LaneMap, MapError
 
     path = tmp_path / "road.osm"
     path.write_text(LANELETS.replace("</osm>", UNUSED).replace(was, now))

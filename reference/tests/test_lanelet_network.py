@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
 
-from automcm_evaluation.traffic import lanelet_network
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.sumo_mover import NETWORKS
-from automcm_evaluation.traffic_scenarios.intersection_traffic import LaneletIntersection
+from automcm_simulation.traffic import lanelet_network
+from automcm_simulation.traffic.mover import TrafficError
+from automcm_simulation.traffic.sumo_mover import NETWORKS
+from automcm_simulation.traffic_scenarios.intersection_traffic import LaneletIntersection
 
 TOWN = NETWORKS / "town.osm"
 

@@ -12,9 +12,9 @@ from stateful import Coordination, profile, run
 from stateful_oracle import Broken, Setup
 from stateful_world import World
 
-from automcm.adapters.spec_mapping import abstract, concrete
 from automcm.core.state import Timer
 from automcm.core.station import Effects
+from automcm_maintenance.verify.spec_mapping import abstract, concrete
 from automcm_spec.vocabulary.application import Fallback
 
 Change = Callable[[Effects], Effects]

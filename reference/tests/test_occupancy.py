@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from road_stage import answers_of, driven, lane_changers, said
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios import occupancy
-from automcm.scenarios.drive import FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import (
+from automcm.applications import occupancy
+from automcm.applications.lane_change import (
     FRESH_MS,
     NO_RETURN_M,
     WAIT_MS,
@@ -21,13 +19,21 @@ from automcm.scenarios.lane_change import (
     PaperLaneChange,
     Plan,
 )
-from automcm.scenarios.occupancy import FORCED, LEAST_M, Track, clear, needed_gap
-from automcm.scenarios.occupancy_sweep import KINDS, bends, drive, setting, sight
-from automcm.scenarios.planning import planned
-from automcm.scenarios.road import LANE_WIDTH, STRAIGHT, Driving, PositionError, Vehicle, idm
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.sweep_drivers import PERCEPTION, WITHOUT, Binder, CamOnly, WithoutLengths
+from automcm.applications.occupancy import FORCED, LEAST_M, Track, clear, needed_gap
+from automcm.applications.planning import planned
+from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, PositionError, Vehicle, idm
+from automcm.links.simulated_radio import Channel
 from automcm.service.application import HEARD_MS, Advertised, Choice, Heard, heard_by
+from automcm_simulation.road.drive import FourVehicles, SimulatedDrive
+from automcm_simulation.road.occupancy_sweep import KINDS, bends, drive, setting, sight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.sweep_drivers import (
+    PERCEPTION,
+    WITHOUT,
+    Binder,
+    CamOnly,
+    WithoutLengths,
+)
 from automcm_spec.vocabulary.messages import Trajectory
 
 OWN = Track(x=0.0, y=-LANE_WIDTH, vx=10.0)

@@ -7,11 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from automcm.links import propagation
-from automcm.links.ns3_radio import Ns3Radio
-from automcm.links.propagation import OfferedLoad, Propagation, airtime_us, path_loss_db
-from automcm.links.radio import LARGEST_BYTES, Arrival
-from automcm.links.table_radio import TableRadio, committed
 from automcm_evaluation.radio import radio_tables
 from automcm_evaluation.radio.radio_traffic import (
     Measured,
@@ -22,6 +17,11 @@ from automcm_evaluation.radio.radio_traffic import (
     pooled,
     positions,
 )
+from automcm_simulation.radio import propagation
+from automcm_simulation.radio.ns3_radio import Ns3Radio
+from automcm_simulation.radio.propagation import OfferedLoad, Propagation, airtime_us, path_loss_db
+from automcm_simulation.radio.radio import LARGEST_BYTES, Arrival
+from automcm_simulation.radio.table_radio import TableRadio, committed
 from automcm_spec.support import extras
 from automcm_spec.support.extras import MissingExtra
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from automcm.links.clock import VirtualClock
-from automcm.links.radio import LARGEST_BYTES
-from automcm.links.radio_link import (
+from automcm_evaluation.radio import radio_crowd, radio_sessions
+from automcm_simulation.radio.radio import LARGEST_BYTES
+from automcm_simulation.radio.radio_link import (
     ALPHA,
     BETA,
     DOWN,
@@ -18,8 +19,7 @@ from automcm.links.radio_link import (
     GateKeeper,
     RadioLinks,
 )
-from automcm.links.table_radio import TableRadio
-from automcm_evaluation.radio import radio_crowd, radio_sessions
+from automcm_simulation.radio.table_radio import TableRadio
 from automcm_spec.vocabulary.messages import BROADCAST
 
 PLACES = {1: (0.0, 0.0), 2: (20.0, 0.0), 3: (20.0, 3.5)}
@@ -56,7 +56,7 @@ def test_a_broadcast_reaches_all_and_a_message_its_addressee() -> None:
 
 
 def links_frame(src: int, to: int, data: bytes) -> object:
-    from automcm.links.radio_link import _Frame
+    from automcm_simulation.radio.radio_link import _Frame
 
     return _Frame(src, to, "1:1", data)
 

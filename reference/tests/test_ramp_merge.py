@@ -7,10 +7,11 @@ from itertools import pairwise
 import pytest
 from road_stage import answers_of, driven, rows, said, stands
 
-from automcm.scenarios.drive import SimulatedDrive, arrival_s
-from automcm.scenarios.ramp_merge import Merge, Ramp
-from automcm.scenarios.road import Sample, Vehicle
+from automcm.applications.ramp_merge import Merge, Ramp
+from automcm.applications.vehicle import Vehicle
 from automcm.service.application import Advertised, Proposal
+from automcm_simulation.road.drive import SimulatedDrive, arrival_s
+from automcm_simulation.road.road import Sample
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Verify
 from automcm_spec.vocabulary.parameters import Parameters

@@ -9,11 +9,14 @@ from typing import Any
 import pytest
 from road_stage import answers_of, driven, said, stands
 
+from automcm.applications.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
+from automcm.applications.occupancy import HARDEST, LEAST_M, Track
+from automcm.applications.ramp_merge import Merge, Ramp
+from automcm.applications.vehicle import LANE_WIDTH, Driving, Vehicle
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
-from automcm.scenarios.occupancy import HARDEST, LEAST_M, Track
-from automcm.scenarios.occupancy_sweep import (
+from automcm.service.application import Choice, heard_by
+from automcm_simulation.road.drive import SimulatedDrive
+from automcm_simulation.road.occupancy_sweep import (
     BURSTS_MS,
     PERCEPTION,
     WITHOUT,
@@ -23,9 +26,6 @@ from automcm.scenarios.occupancy_sweep import (
     room,
     sight,
 )
-from automcm.scenarios.ramp_merge import Merge, Ramp
-from automcm.scenarios.road import LANE_WIDTH, Driving, Vehicle
-from automcm.service.application import Choice, heard_by
 
 KINDS = ("answers", "CAM only", "seen only", "does not slow", "cuts in")
 """What the vehicle that arrives together with the one on the ramp does.  ``cuts in``: it answers,

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from automcm.applications.vehicle import LANE_WIDTH, STEP_S, Driving, Late, Vehicle, idm
 from automcm.kernels.trajectory import Trajectory
-from automcm.scenarios.occupancy_sweep import bends
-from automcm.scenarios.road import LANE_WIDTH, STEP_S, Driving, Late, Road, Vehicle, idm
+from automcm_simulation.road.occupancy_sweep import bends
+from automcm_simulation.road.road import Road
 
 D = Driving()
 

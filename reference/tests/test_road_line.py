@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from automcm.kernels.road_line import BLOCK, CHUNK, RoadLine
 from automcm.kernels.trajectory import TrajectoryError
-from automcm.scenarios.occupancy_sweep import bends
+from automcm_simulation.road.occupancy_sweep import bends
 
 ARC = bends(100.0, True, 1500.0)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from automcm.scenarios.road import Late, Sample, Vehicle
+from automcm.applications.vehicle import Late, Vehicle
 from automcm_evaluation.safety import safety, safety_road
 from automcm_evaluation.safety.ablations import WHOLE
 from automcm_evaluation.safety.faults import Fault
+from automcm_simulation.road.road import Sample
 
 # -- the road
 

@@ -35,17 +35,17 @@ from automcm.links.clock import VirtualClock
 from automcm.links.link import LinkError, Receiver
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.security import cose, envelope
 from automcm.security.signer import PseudonymError, Signer
 from automcm.service.application import AgreedManeuver
 from automcm.service.secured_service import LOGGED_PER_SECOND, change_credentials
 from automcm.service.station_process import _free
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import LANE_CHANGE
+from automcm_spec.log_format.reader import read
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.messages import encode
 from automcm_traces.explain.explain import explain
-from automcm_traces.format.reader import read
-from automcm_traces.format.writer import LogWriter
 
 UNTIL = 9000
 CHANNEL = Channel(delay_ms=(5, 5))

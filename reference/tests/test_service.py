@@ -9,8 +9,6 @@ import automcm_stage
 from service_stage import PATH, Jumpy, Noted, alone, cam, pair
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import (
     Advertised,
     AgreedManeuver,
@@ -21,6 +19,8 @@ from automcm.service.application import (
     all_answered,
 )
 from automcm.service.service import McService
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.application import Refuse
 from automcm_spec.vocabulary.messages import BROADCAST, Cancel, Intention, encode
 from automcm_spec.vocabulary.parameters import Parameters

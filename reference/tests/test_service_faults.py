@@ -13,11 +13,13 @@ from service_stage import Jumpy, Noted, Wire, alone, cam, pair
 from automcm.encoding.codec import JSON
 from automcm.links.clock import VirtualClock
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service import event_log
 from automcm.service.application import Advertised, Kinematics, Proposal
 from automcm.service.service import NEIGHBOURS, McService
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
+from automcm_spec.log_format.reader import read
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.application import Abort, Request
 from automcm_spec.vocabulary.messages import (
     MAX_BYTES,
@@ -29,8 +31,6 @@ from automcm_spec.vocabulary.messages import (
 )
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.explain.explain import explain_file
-from automcm_traces.format.reader import read
-from automcm_traces.format.writer import LogWriter
 
 ABOUT: dict[str, Any] = {"run": "r", "station": 1, "implementation": "i", "version": "1"}
 """A log's header."""

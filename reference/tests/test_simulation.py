@@ -11,9 +11,9 @@ import pytest
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import Observer
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Indication
 from automcm_spec.vocabulary.parameters import Parameters
 

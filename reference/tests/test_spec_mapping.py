@@ -6,10 +6,10 @@ from typing import Any
 
 from automcm_stage import ME, cancel
 
-from automcm.adapters.spec_mapping import without
 from automcm.core.outcome import Me, Received
 from automcm.core.rules import RULES, decide
 from automcm.core.state import State
+from automcm_maintenance.verify.spec_mapping import without
 
 IN_SESSION_1 = State(phase="INTENDING", role="receiver", session=(9, 1))
 LIMITS = Me(ME, 2, 2, 9, 2, 100, 1)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from road_stage import answers_of, driven, rows
 
-from automcm.scenarios.occupancy import FORCED, LEAST_M
-from automcm.scenarios.road import LANE_WIDTH, Driving, Vehicle
-from automcm.scenarios.speed_advice import SpeedAdvice
+from automcm.applications.occupancy import FORCED, LEAST_M
+from automcm.applications.vehicle import LANE_WIDTH, Driving, Vehicle
 from automcm.service.application import Proposal
+from automcm_simulation.road.speed_advice import SpeedAdvice
 from automcm_spec.vocabulary import messages
 
 

@@ -15,24 +15,24 @@ import numpy as np
 import pytest
 from traffic_stage import TWO, RoadMover, traffic
 
+from automcm.applications.lane_change import LaneChange
+from automcm.applications.vehicle import STRAIGHT
 from automcm.encoding.codec import JSON
 from automcm.kernels.trajectory import Trajectory
-from automcm.scenarios.lane_change import LaneChange
-from automcm.scenarios.road import STRAIGHT
 from automcm.service.service import McService
-from automcm_evaluation.traffic import distance_guard
-from automcm_evaluation.traffic.even_radio import EvenRadio
-from automcm_evaluation.traffic.mover import Body, RoadUser, TrafficError
-from automcm_evaluation.traffic.seen_from_above import Frames
-from automcm_evaluation.traffic.shared_codec import SharedCodec
-from automcm_evaluation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic.traffic_service import TrafficService
-from automcm_evaluation.traffic.traffic_vehicle import Sight
-from automcm_evaluation.traffic_scenarios import traffic_run
-from automcm_evaluation.traffic_scenarios.intersection_traffic import Intersection
-from automcm_evaluation.traffic_scenarios.ramp_traffic import Ramps
-from automcm_evaluation.traffic_scenarios.traffic_run import Run
+from automcm_simulation.traffic import distance_guard
+from automcm_simulation.traffic.even_radio import EvenRadio
+from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
+from automcm_simulation.traffic.seen_from_above import Frames
+from automcm_simulation.traffic.shared_codec import SharedCodec
+from automcm_simulation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_service import TrafficService
+from automcm_simulation.traffic.traffic_vehicle import Sight
+from automcm_simulation.traffic_scenarios import traffic_run
+from automcm_simulation.traffic_scenarios.intersection_traffic import Intersection
+from automcm_simulation.traffic_scenarios.ramp_traffic import Ramps
+from automcm_simulation.traffic_scenarios.traffic_run import Run
 from automcm_spec.support import extras
 from automcm_spec.vocabulary.messages import Cam, MessageError
 
@@ -394,7 +394,7 @@ def test_a_run_ends_ns3_also_after_an_error(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_stage_is_a_mover() -> None:
-    from automcm_evaluation.traffic.mover import Mover
+    from automcm_simulation.traffic.mover import Mover
 
     mover: Mover = RoadMover([CAR])
     assert list(mover.bodies()) == [1]

@@ -13,11 +13,11 @@ from traffic_stage import traffic
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps import traffic_sweep
 from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_evaluation.traffic_scenarios.traffic_run import Run, wrong
+from automcm_simulation.traffic.mover import TrafficError
+from automcm_simulation.traffic.traffic import Traffic
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_simulation.traffic_scenarios.traffic_run import Run, wrong
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 from automcm_stage import cam
 
-from automcm.links import relay as relay_
 from automcm.links import udp_link as udp_
 from automcm.links.clock import AsyncioClock
 from automcm.links.link import LinkError
-from automcm.links.relay import Relay
 from automcm.links.simulated_radio import Channel
 from automcm.links.udp_link import UdpLink, address, bind
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.service import McService
 from automcm.service.station_process import stopping
+from automcm_simulation.radio import relay as relay_
+from automcm_simulation.radio.relay import Relay
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.messages import BROADCAST, encode
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -23,8 +23,8 @@ from bridge_stage import (
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
 from automcm.bridge.websocket_bridge import MAX_IDS, WebSocketBridge
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.messages import Trajectory
 

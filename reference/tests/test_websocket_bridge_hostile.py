@@ -36,8 +36,8 @@ from automcm.bridge.bounded_socket import MAX_HALF_OPEN, MAX_OF_ADDRESS
 from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
-from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import Proposal
+from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.messages import Trajectory
 
 # -- clear errors

@@ -7,22 +7,22 @@ from pathlib import Path
 import pytest
 from road_stage import answers_of, driven, rows
 
+from automcm.applications.occupancy import Track
+from automcm.applications.vehicle import STRAIGHT, Vehicle
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.occupancy import Track
-from automcm.scenarios.road import STRAIGHT, Vehicle
 from automcm.service.application import Advertised, Proposal
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_evaluation.traffic_scenarios.intersection_traffic import (
+from automcm_simulation.road.drive import SimulatedDrive
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_simulation.traffic_scenarios.intersection_traffic import (
     APART_S,
     LINE,
     PLACE,
     REACH_M,
     LeftTurn,
 )
-from automcm_evaluation.traffic_scenarios.traffic_run import Run
-from automcm_evaluation.traffic_scenarios.yielding import (
+from automcm_simulation.traffic_scenarios.traffic_run import Run
+from automcm_simulation.traffic_scenarios.yielding import (
     PATIENCE_MS,
     Yielding,
     arrival_in,

@@ -1,18 +1,19 @@
-"""A stage for stations in traffic without SUMO: the small road of automcm.scenarios moves them."""
+"""A stage for stations in traffic without SUMO: the small road of automcm_simulation moves them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from automcm.applications.vehicle import STRAIGHT, Vehicle
 from automcm.kernels.road_line import RoadLine
-from automcm.links.radio import Radio
-from automcm.scenarios.road import STRAIGHT, Road, Vehicle
-from automcm_evaluation.traffic.even_radio import EvenRadio
-from automcm_evaluation.traffic.mover import Body, RoadUser
-from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.lane_change_traffic import LaneChanges
+from automcm_simulation.radio.radio import Radio
+from automcm_simulation.road.road import Road
+from automcm_simulation.traffic.even_radio import EvenRadio
+from automcm_simulation.traffic.mover import Body, RoadUser
+from automcm_simulation.traffic.traffic import Traffic
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.lane_change_traffic import LaneChanges
 
 SIDE_M_S = 3.5 / 4
 """A vehicle steers aside at this speed."""

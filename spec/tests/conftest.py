@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 @pytest.fixture(scope="session")
 def open_xml() -> bytes:
     """SANY's XML of OpenStation."""
-    from automcm_spec.compilation import compiler, sany  # not in every run of pytest
+    from automcm_maintenance.compilation import compiler, sany  # not in every run of pytest
 
     return sany.export(compiler.PLAN.module)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec.compilation import compiler
+from automcm_maintenance.compilation import compiler
 from automcm_spec.support.paths import TLA
 
 
@@ -22,7 +22,7 @@ def test_the_committed_station_is_what_would_be_generated(open_xml: bytes) -> No
 def test_it_is_the_same_in_every_process(open_xml: bytes, tmp_path: Path) -> None:
     (tmp_path / "open.xml").write_bytes(open_xml)
     code = (
-        "import sys; from automcm_spec.compilation import compiler; "
+        "import sys; from automcm_maintenance.compilation import compiler; "
         "from automcm_spec.support import paths; "
         "xml = open(sys.argv[1], 'rb').read(); "
         "print(compiler.source(compiler.PLAN, xml, paths.TLA), end='')"

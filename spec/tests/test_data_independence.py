@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from coupled_stage import DEPENDENT, edited
 
-from automcm_spec.compilation import compiler, data_independence, sany
+from automcm_maintenance.compilation import compiler, data_independence, sany
 
 
 def test_ids_are_compared_and_session_numbers_ordered(open_xml: bytes) -> None:

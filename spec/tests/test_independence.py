@@ -14,8 +14,8 @@ from types import ModuleType
 import pytest
 from coupled_stage import COUPLED, edited
 
-from automcm_spec.compilation import independence, sany
-from automcm_spec.compilation.independence import LEMMAS, Limits, Sample
+from automcm_maintenance.compilation import independence, sany
+from automcm_maintenance.compilation.independence import LEMMAS, Limits, Sample
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from automcm_spec.compilation import sany
+from automcm_maintenance.compilation import sany
 from automcm_spec.model_checking import tlc
 from automcm_spec.support.paths import TLA
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from automcm_spec.compilation import compiler, sany
-from automcm_spec.compilation.tla_types import INT, SetOf
-from automcm_spec.compilation.translation import Translator
+from automcm_maintenance.compilation import compiler, sany
+from automcm_maintenance.compilation.tla_types import INT, SetOf
+from automcm_maintenance.compilation.translation import Translator
 from automcm_spec.model_checking import tla_values, tlc
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.conditions import NoArm

@@ -184,8 +184,8 @@ def main(number: int) -> int:
     """Have both engines judge; returns how many verdicts have no reason, or are not the same."""
     from tlc_engine import explain_batch
 
+    from automcm_spec.log_format.reader import read
     from automcm_traces.explain.explain import explain_file
-    from automcm_traces.format.reader import read
 
     counts: Counter[tuple[str, str, str]] = Counter()
     odd = 0

@@ -10,8 +10,8 @@ from browser_stage import Browser, run, two
 from merged_runs import simulated
 from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_text
 
+from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import explain_file
-from automcm_traces.format.reader import read
 from automcm_traces.viewer import page_part
 
 SECURED = sorted((CORPUS / "secured").glob("*.ndjson"))

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import load, of_runs

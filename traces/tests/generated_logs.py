@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.model_checking import tlc_simulation
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel, Radio
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.reader import Log, read
 from automcm_spec.vocabulary.messages import BROADCAST, decode
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.format.reader import Log, read
 
 Drop = Callable[[int, int, Any, int], bool]
 """Whether a copy from a station to a station, of a message, at a time, is lost."""

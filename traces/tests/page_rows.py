@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.reader import Log
 from automcm_traces.checker.follow import follow
-from automcm_traces.format.reader import Log
 from automcm_traces.system.fates import FATES
 from automcm_traces.viewer.page_follow import StateHistory, States
 from automcm_traces.viewer.page_pack import Shapes

@@ -12,14 +12,14 @@ from merged_runs import records, rewritten
 from tlc_engine import explain_batch
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary import application, messages
 from automcm_spec.vocabulary.application import names
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.compared import COMPARED
 from automcm_traces.explain.explain import explain
-from automcm_traces.format.reader import Log
 
 Json = Any
 Records = list[dict[str, Json]]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from automcm_spec.log_format.log import Send
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row
-from automcm_traces.format.log import Send
 from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
 
 CORPUS = Path(__file__).parents[1] / "corpus"

@@ -12,14 +12,14 @@ from automcm_maintenance.corpus.corpus import COVERAGE, Entry, index, index_text
 from automcm_maintenance.corpus.corpus_bad import Log as Records
 from automcm_maintenance.corpus.corpus_bad import bases_among
 from automcm_maintenance.corpus.corpus_walks import transition
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Restart, Session
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.track import Step, Track
 from automcm_traces.explain.explain import explain_files
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import read
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 ENTRIES = index(CORPUS)

@@ -10,8 +10,8 @@ import pytest
 from merged_runs import records, simulated
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import TWO_PEERS, spec_hash
 from automcm_spec.vocabulary.messages import MessageType

@@ -12,6 +12,9 @@ import pytest
 import tlc_engine
 from jsonschema import Draft202012Validator
 
+from automcm_spec.log_format.log import RECORD
+from automcm_spec.log_format.log_schema import schema
+from automcm_spec.log_format.reader import read
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import same
 from automcm_traces.checker.engine import Engine
@@ -21,9 +24,6 @@ from automcm_traces.explain.explain import explain_file, explain_files, prefix, 
 from automcm_traces.explain.lint import CHECKS, report
 from automcm_traces.explain.log_table import Logs
 from automcm_traces.export.mermaid import diagram
-from automcm_traces.format.log import RECORD
-from automcm_traces.format.log_schema import schema
-from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
 from automcm_traces.system.timeline import timeline
 from automcm_traces.viewer.page_run import load

@@ -12,10 +12,13 @@ from edits import HEADER
 
 from automcm.core.station import Station
 from automcm.links.clock import VirtualClock
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service import event_log
 from automcm.service.service import McService
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
+from automcm_spec.log_format.log import RECORD
+from automcm_spec.log_format.reader import Log, read
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.application import Prescribe
 from automcm_spec.vocabulary.messages import Acceptance, Cam, encode
 from automcm_spec.vocabulary.parameters import Parameters, in_header
@@ -23,9 +26,6 @@ from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.follow import NEEDED
 from automcm_traces.checker.track import INITIAL, CannotTell, Entry
 from automcm_traces.explain.explain import explain, explain_files
-from automcm_traces.format.log import RECORD
-from automcm_traces.format.reader import Log, read
-from automcm_traces.format.writer import LogWriter
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 

@@ -14,8 +14,11 @@ from edits import Edited, edited, find
 from merged_runs import simulated
 
 from automcm.links.simulated_radio import Channel, Radio
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format import reader
+from automcm_spec.log_format.log import Event
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
@@ -30,9 +33,6 @@ from automcm_traces.explain.explain import (
     together,
 )
 from automcm_traces.explain.lint import report
-from automcm_traces.format import reader
-from automcm_traces.format.log import Event
-from automcm_traces.format.reader import read
 from automcm_traces.viewer.page_run import load
 
 CORPUS = Path(__file__).parents[1] / "corpus"

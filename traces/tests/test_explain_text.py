@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from merged_runs import Run, apart
 
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
 from automcm_traces.explain.explain import explain_file, start_times, text
-from automcm_traces.format.reader import read
 from automcm_traces.system.properties import SystemReport, judge
 
 CORPUS = Path(__file__).parents[1] / "corpus"

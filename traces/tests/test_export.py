@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import Logs
 from automcm_traces.export import mcap_file
 from automcm_traces.export.mcap_file import McapError
 from automcm_traces.export.mermaid import diagram
-from automcm_traces.format.log import Receive
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 PAIR = [CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"]

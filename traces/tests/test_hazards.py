@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from merged_runs import Run, apart, killed, records, rewritten, without_tx
 
+from automcm_spec.log_format.log import Send
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
-from automcm_traces.format.log import Send
-from automcm_traces.format.reader import read
 from automcm_traces.system.clock_offsets import Span
 from automcm_traces.system.hazards import Hazard
 from automcm_traces.system.hazards import hazard as hazard_of

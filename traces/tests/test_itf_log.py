@@ -11,6 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
+from automcm_spec.log_format.log import Receive, Send, TimerArm
+from automcm_spec.log_format.reader import read
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.explain.explain import explain
 from automcm_traces.export import itf
@@ -19,8 +21,6 @@ from automcm_traces.export.behaviour_steps import NOTHING, Move, steps_of
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep
 from automcm_traces.export.behaviour_to_log import _times as story_times
 from automcm_traces.export.itf_log import TICK_MS, behaviour, from_log
-from automcm_traces.format.log import Receive, Send, TimerArm
-from automcm_traces.format.reader import read
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import Verdict, explain_file

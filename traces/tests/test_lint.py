@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from merged_runs import simulated
 
 from automcm.security import cose
+from automcm_spec.log_format.number_sets import Numbers
+from automcm_spec.log_format.reader import LONGEST_LINE, read
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.lint import CHECKS, exit_code, level, lint, report, text
-from automcm_traces.format.number_sets import Numbers
-from automcm_traces.format.reader import LONGEST_LINE, read
 
 HEADER = edits.HEADER | {"complete": ["send", "timer"]}
 FIN: Line = {"v": 1, "type": "Fin", "src": 7, "dst": 8, "session": [7, 1], "seq": 2}

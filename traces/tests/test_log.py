@@ -7,9 +7,9 @@ import edits
 import pytest
 from edits import Line, write
 
+from automcm_spec.log_format.log import MessageTimer, Receive, Send, TimerArm, problems
+from automcm_spec.log_format.reader import LONGEST_LINE, Notice, read, records
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.format.log import MessageTimer, Receive, Send, TimerArm, problems
-from automcm_traces.format.reader import LONGEST_LINE, Notice, read, records
 
 HEADER = edits.HEADER | {"spec": {"name": "Station", "hash": "abc"}}
 EVENT: Line = {"rec": "event", "seq": 1, "t_ms": 5}

@@ -10,6 +10,9 @@ from edits import HEADER, end, write
 from merged_runs import apart
 from rich.cells import cell_len
 
+from automcm_spec.log_format.event_text import DAY_MS, starts, summary
+from automcm_spec.log_format.log import ApplicationIndication, Event, Receive, Send
+from automcm_spec.log_format.reader import LogStream, read
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_columns import (
     TIMES,
@@ -19,9 +22,6 @@ from automcm_traces.explain.log_columns import (
     folds,
 )
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row
-from automcm_traces.format.event_text import DAY_MS, starts, summary
-from automcm_traces.format.log import ApplicationIndication, Event, Receive, Send
-from automcm_traces.format.reader import LogStream, read
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))

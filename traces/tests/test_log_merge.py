@@ -9,8 +9,8 @@ import pytest
 from merged_runs import Run, records, rewritten, without_tx
 
 from automcm.links.simulated_radio import Channel
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import Log, read
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import Log, read
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import MergeError, merge
 

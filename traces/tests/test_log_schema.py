@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-import automcm_traces.format.log_schema
+import automcm_spec.log_format.log_schema
+from automcm_spec.log_format.log import RECORD
+from automcm_spec.log_format.log_schema import schema
 from automcm_spec.vocabulary.json_schema import text
-from automcm_traces.format.log import RECORD
-from automcm_traces.format.log_schema import schema
 
 HEADER = (
     '{"rec":"header","schema":"automcm.trace/1","run":"r1","station":7,'
@@ -64,7 +64,7 @@ REFUSED = [
 
 
 def test_the_committed_schema_is_the_generated_one() -> None:
-    committed = Path(automcm_traces.format.log_schema.__file__).with_name("trace-1.schema.json")
+    committed = Path(automcm_spec.log_format.log_schema.__file__).with_name("trace-1.schema.json")
     assert committed.read_bytes() == text(schema()).encode()
 
 

@@ -15,13 +15,13 @@ from merged_runs import simulated
 from automcm_maintenance.corpus.corpus_bad import Log as Edited
 from automcm_spec.graph.oracle import Answer, Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Cam, Entry, Expire, Input
 from automcm_traces.edit.log_shrinking import NothingToShrink, Shrunk, masked, shrink
 from automcm_traces.edit.log_slice import LogSlice
 from automcm_traces.explain.explain import explain_file, explain_files
 from automcm_traces.explain.lint import report
-from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
 
 Json = Any

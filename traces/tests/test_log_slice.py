@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from automcm_spec.log_format.log import TimerArm
 from automcm_traces.edit.log_slice import LogSlice
-from automcm_traces.format.log import TimerArm
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 PRESCRIBER, RECEIVER = CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"

@@ -11,14 +11,14 @@ import pytest
 from generated_logs import mutated
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_maintenance.corpus.corpus import index
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.log import Header, Receive, Restart, Send
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.log_start import LogStart, remembered_for
 from automcm_traces.explain.explain import Verdict, explain_file, text
 from automcm_traces.explain.lint import level, lint
-from automcm_traces.format.log import Header, Receive, Restart, Send
 
 Json = Any
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"

@@ -15,11 +15,11 @@ from edits import end as end_of
 from merged_runs import records, simulated
 from rich.cells import cell_len
 
+from automcm_spec.log_format.event_text import fitted, safe, summary
+from automcm_spec.log_format.log import RECORD, Receive, Send
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row, before
-from automcm_traces.format.event_text import fitted, safe, summary
-from automcm_traces.format.log import RECORD, Receive, Send
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 

@@ -31,13 +31,13 @@ from page_rows import (
     number,
 )
 
+from automcm_spec.log_format.log import TimerArm
+from automcm_spec.log_format.reader import read
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import explain_files
 from automcm_traces.export.itf_log import from_log
-from automcm_traces.format.log import TimerArm
-from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import SCRIPTS, VIEWER, html

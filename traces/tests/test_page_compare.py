@@ -12,8 +12,8 @@ from merged_runs import records, rewritten, simulated
 from page_rows import DELIVERED, DUPLICATE, OVERHEARD
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
+from automcm_spec.log_format.reader import Log, read
 from automcm_traces.edit.log_diff import diff
-from automcm_traces.format.reader import Log, read
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
 from automcm_traces.viewer.page_order import order

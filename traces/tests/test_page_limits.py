@@ -12,9 +12,9 @@ import pytest
 from merged_runs import records, simulated
 from page_rows import CORPUS, DELIVERED, FORGED, FOUR, LOST, Json, events, fives
 
+from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import explain_file, explain_files
-from automcm_traces.format.event_text import session_of, summary
 from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import as_dict, load

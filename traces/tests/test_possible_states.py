@@ -16,13 +16,13 @@ from generated_logs import of_the_reference
 from log_slices import PARTS, Records, judged, place
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.log import RECORD, PlainTimer
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Deadline
 from automcm_traces.checker.finding import Supposition
 from automcm_traces.checker.possible_states import _covers, _merge, _Supposing
-from automcm_traces.format.log import RECORD, PlainTimer
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
 

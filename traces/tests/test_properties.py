@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from merged_runs import Run, records, rewritten
 
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.reader import Log, read
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.messages import (
     Acceptance,
@@ -24,7 +25,6 @@ from automcm_spec.vocabulary.messages import (
     encode,
 )
 from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, derived
-from automcm_traces.format.reader import Log, read
 from automcm_traces.system import duration_properties
 from automcm_traces.system.properties import NAMES, SystemReport, agreement, commitment, judge
 from automcm_traces.system.timeline import Moment, Timeline

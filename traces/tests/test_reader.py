@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from automcm_spec.log_format.log import RECORD, Header, record
+from automcm_spec.log_format.reader import MOST_WARNINGS, LogStream, Notice, read, records
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.lint import lint
-from automcm_traces.format.log import RECORD, Header, record
-from automcm_traces.format.reader import MOST_WARNINGS, LogStream, Notice, read, records
 
 
 def restart(seq: int, **fields: Any) -> Line:

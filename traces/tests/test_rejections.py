@@ -10,11 +10,11 @@ from merged_runs import records, rewritten
 from page_rows import CORPUS, DELIVERED, REJECTED, Json, events, fives
 
 from automcm.security.verifier import Reason
+from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import Verdict, explain_file, explain_files, text
 from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.explain.rejections import CAUSES, QUESTIONS, cause_of
-from automcm_traces.format.reader import read
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.log_merge import merge

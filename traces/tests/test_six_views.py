@@ -19,6 +19,9 @@ from page_rows import CORPUS, Json, events, fives
 
 from automcm.links.simulated_radio import Channel
 from automcm_maintenance.corpus.corpus_secured import secured
+from automcm_spec.log_format.event_text import summary
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import Log, read
 from automcm_traces.checker.track import CannotTell
 from automcm_traces.explain.explain import explained
 from automcm_traces.explain.log_table import Logs
@@ -27,9 +30,6 @@ from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.export.mermaid import diagram
 from automcm_traces.export.svg_drawing import drawing
-from automcm_traces.format.event_text import summary
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import Log, read
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, FATES

@@ -7,9 +7,9 @@ import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import read
 from automcm_traces.export.svg_drawing import drawing
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import read
 from automcm_traces.system.log_merge import Merged, merge
 
 FOUR = Path(__file__).parents[1] / "corpus" / "four-vehicles"

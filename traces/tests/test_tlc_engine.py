@@ -19,8 +19,8 @@ from tlc_engine import explain_batch, explain_each
 from wrong_logs import PRESCRIBER, RECEIVER, WRONG, Records, change, find
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import Verdict, explain

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from merged_runs import simulated
 
+from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
 from automcm_traces.explain.explain import (
     exit_code,
     explain_file,
@@ -20,7 +21,6 @@ from automcm_traces.explain.explain import (
     verdicts,
 )
 from automcm_traces.explain.watch import Report, Watch
-from automcm_traces.format.growing_file import GrowingFile, LineBuffer
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 INDEX = json.loads((CORPUS / "index.json").read_text())

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from automcm_traces.format.log import Send
-from automcm_traces.format.reader import read
-from automcm_traces.format.writer import LogWriter
+from automcm_spec.log_format.log import Send
+from automcm_spec.log_format.reader import read
+from automcm_spec.log_format.writer import LogWriter
 
 ADVERTISEMENT = {"type": "Advertisement", "src": 7, "session": (7, 1), "seq": 1}
 

@@ -15,6 +15,17 @@ from typing import Any
 
 from tlc_module import TooLarge, Translation, limits, module
 
+from automcm_spec.log_format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    Receive,
+    Restart,
+    Send,
+    TimerArm,
+    TimerEnd,
+)
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.bad_input import BadInput, name_of
@@ -25,17 +36,6 @@ from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unread
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import timer_name
 from automcm_traces.explain.explain import Verdict
-from automcm_traces.format.log import (
-    ApplicationCommand,
-    ApplicationIndication,
-    Event,
-    Receive,
-    Restart,
-    Send,
-    TimerArm,
-    TimerEnd,
-)
-from automcm_traces.format.reader import Log, LogStream
 
 Json = Any
 NEEDED = ("receive", "send")

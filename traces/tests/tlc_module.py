@@ -12,6 +12,19 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any, get_args
 
+from automcm_spec.log_format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    Receive,
+    Restart,
+    Send,
+    Timer,
+    TimerArm,
+    TimerEnd,
+    problems,
+)
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.application import Indication, names
 from automcm_spec.vocabulary.messages import CancelReason, MessageType, RefusalReason
 from automcm_spec.vocabulary.parameters import (
@@ -26,19 +39,6 @@ from automcm_spec.vocabulary.parameters import (
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.compared import told
 from automcm_traces.checker.track import CONTENT, PHASES, ROLES
-from automcm_traces.format.log import (
-    ApplicationCommand,
-    ApplicationIndication,
-    Event,
-    Receive,
-    Restart,
-    Send,
-    Timer,
-    TimerArm,
-    TimerEnd,
-    problems,
-)
-from automcm_traces.format.reader import Log
 
 Json = Any
 LARGEST = 10**9

@@ -15,7 +15,7 @@ from automcm_cli.shared.common import Json, code_3, say, write_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from automcm_cli.reference.demo_processes import Demo
+    from automcm_simulation.road.demo_processes import Demo
 
 
 def demo(
@@ -49,7 +49,7 @@ def demo(
     import asyncio
 
     from automcm.links.link import LinkError
-    from automcm_cli.reference.demo_processes import Demo
+    from automcm_simulation.road.demo_processes import Demo
     from automcm_spec.support.extras import MissingExtra
 
     if kill not in (None, "B"):

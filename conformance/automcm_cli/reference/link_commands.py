@@ -43,9 +43,9 @@ def relay(
 
     Datagrams can be lost, duplicated, delayed and reordered.  The relay runs until SIGTERM.
     """
-    from automcm.links.relay import Relay
     from automcm.links.simulated_radio import Channel
     from automcm.service.station_process import stopping
+    from automcm_simulation.radio.relay import Relay
 
     channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
 

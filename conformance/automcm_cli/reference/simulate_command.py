@@ -18,8 +18,8 @@ from automcm_cli.shared.common import Json, code_3, example, progress, say, writ
 from automcm_spec.support import children, files
 
 if TYPE_CHECKING:
-    from automcm.scenarios.drive import SimulatedDrive
-    from automcm.scenarios.occupancy_sweep import Driven
+    from automcm_simulation.road.drive import SimulatedDrive
+    from automcm_simulation.road.occupancy_sweep import Driven
 
 FEW_DRIVES = 20
 """Too few drives for a process of their own."""
@@ -50,7 +50,7 @@ def lane_change(
     automcm[plot]).  The exit code is 1 if the lane change was not completed.
     """
     from automcm.links.simulated_radio import Channel
-    from automcm.scenarios.drive import FourVehicles
+    from automcm_simulation.road.drive import FourVehicles
 
     setting = FourVehicles(
         vehicles=vehicles,
@@ -104,8 +104,8 @@ def drives(
     errors.  A drive is bad if less than 2 m of room is left, or somebody brakes harder than 4 m/s².
     The exit code is 1 if a drive is bad.
     """
-    from automcm.scenarios.occupancy_sweep import KINDS
-    from automcm.scenarios.sweep_drivers import WITHOUT
+    from automcm_simulation.road.occupancy_sweep import KINDS
+    from automcm_simulation.road.sweep_drivers import WITHOUT
 
     if without and without not in WITHOUT:
         raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
@@ -171,7 +171,7 @@ def _driven(asked: Sequence[tuple[int, str, float | None]], workers: int) -> lis
 
 
 def _drive(asked: tuple[int, str, float | None]) -> Driven:
-    from automcm.scenarios.occupancy_sweep import drive
+    from automcm_simulation.road.occupancy_sweep import drive
 
     # Clocks out of step and messages too long are drawn on purpose: no warnings.
     logging.getLogger("automcm.service").setLevel(logging.ERROR)
@@ -180,8 +180,8 @@ def _drive(asked: tuple[int, str, float | None]) -> Driven:
 
 
 def _report(drive: SimulatedDrive) -> dict[str, Any]:
-    from automcm.scenarios.drive import NAMES
-    from automcm.scenarios.lane_change import LaneChange
+    from automcm.applications.lane_change import LaneChange
+    from automcm_simulation.road.drive import NAMES
 
     story = [
         {"t_s": t / 1000, "vehicle": NAMES[driver.vehicle.station_id], "what": what}
@@ -208,8 +208,8 @@ def _report(drive: SimulatedDrive) -> dict[str, Any]:
 
 def _plots(drive: SimulatedDrive, out: Path) -> list[Path]:
     """Both plots as PNG and SVG; none without matplotlib."""
-    from automcm.scenarios.drive import NAMES
-    from automcm_evaluation.framework import figures
+    from automcm_simulation.road import figures
+    from automcm_simulation.road.drive import NAMES
 
     if not figures.available():
         return []

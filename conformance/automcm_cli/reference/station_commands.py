@@ -215,10 +215,10 @@ def station(
     from automcm.encoding.codec import codec as by_name
     from automcm.links.link import LinkError
     from automcm.links.udp_link import UdpLink, address
-    from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
     from automcm.service.application import all_answered
     from automcm.service.datagram_log import DatagramLog
     from automcm.service.station_process import NumberFile, StationProcess
+    from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 
     if zero is not None and not 0 <= zero <= time.monotonic():
         raise typer.BadParameter(
@@ -311,8 +311,8 @@ def drive(
     import asyncio
 
     from automcm.links.link import LinkError
-    from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
     from automcm.service.station_process import stopping
+    from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 
     with code_3("drive", LinkError):
         from automcm.bridge.access import read_token

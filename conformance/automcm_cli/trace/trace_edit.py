@@ -35,9 +35,9 @@ def shrink(
     violation that involves several logs (a forged message, a property of the system) is kept in
     all of them. Exit code 0: shrunk; 1: the logs have no violation.
     """
+    from automcm_spec.log_format.event_text import starts
     from automcm_traces.edit import log_shrinking as shrink_
     from automcm_traces.explain.log_columns import columns
-    from automcm_traces.format.event_text import starts
 
     logs = files_of("shrink", logs)
     try:

@@ -103,11 +103,11 @@ def _write(
 
 def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[str, bytes]:
     """The contents of the files to write, by name."""
+    from automcm_spec.log_format.reader import read
     from automcm_traces.explain.log_table import Logs
     from automcm_traces.export import mcap_file
     from automcm_traces.export.mermaid import diagram
     from automcm_traces.export.svg_drawing import drawing
-    from automcm_traces.format.reader import read
     from automcm_traces.system.log_merge import merge
 
     if to == "itf":
@@ -135,9 +135,10 @@ def _logs_of(counterexample: Path) -> dict[str, bytes]:
 
 
 def _itf_of(*paths: Path) -> dict[str, bytes]:
+
+    from automcm_spec.log_format.reader import read
     from automcm_traces.export.arrow_rows import arrow_rows
     from automcm_traces.export.itf_log import from_log
-    from automcm_traces.format.reader import read
 
     logs = {path: read(path) for path in paths}
     arrows: dict[Path, list[tuple[int, Arrow]]] = {path: [] for path in paths}

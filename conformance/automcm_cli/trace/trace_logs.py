@@ -26,8 +26,8 @@ def files_of(command: str, logs: list[Path]) -> list[Path]:
 
     Standard input and pipes are copied to files, because a log is read more than once.
     """
+    from automcm_spec.log_format.reader import logs_below
     from automcm_spec.support.bad_input import BadInput
-    from automcm_traces.format.reader import logs_below
 
     with code_3(command, BadInput, OSError):
         return logs_below([_kept(log) for log in logs])
@@ -168,8 +168,8 @@ def _print(
     from rich.text import Text
 
     from automcm_cli.shared.terminal import Terminal
+    from automcm_spec.log_format.event_text import starts
     from automcm_traces.explain.log_columns import Table, first_times, folds
-    from automcm_traces.format.event_text import starts
 
     console = Terminal(highlight=False)
     first_ms = first_times(logs)

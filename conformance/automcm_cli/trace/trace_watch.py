@@ -19,8 +19,8 @@ from automcm_cli.shared.common import Late, code_3, say_lines, usage
 from automcm_cli.shared.network_options import Remote
 
 if TYPE_CHECKING:
+    from automcm_spec.log_format.growing_file import GrowingFile
     from automcm_traces.explain.watch import Report, Watch, WatchedLog
-    from automcm_traces.format.growing_file import GrowingFile
 
 POLL_S = 0.02
 """How often the files are read."""
@@ -137,7 +137,7 @@ class _Sources:
             sock.close()
 
     def _open(self, path: Path) -> None:
-        from automcm_traces.format.growing_file import GrowingFile
+        from automcm_spec.log_format.growing_file import GrowingFile
 
         again = self._copy(str(path)) if str(path) == "-" or path.is_fifo() else None
         file = GrowingFile(path, again)
@@ -152,7 +152,7 @@ class _Sources:
         return path
 
     def _take(self, sender: str, data: bytes) -> None:
-        from automcm_traces.format.growing_file import LineBuffer
+        from automcm_spec.log_format.growing_file import LineBuffer
 
         if sender not in self._senders:
             over = (name for name, log in self._senders.items() if log.verdict is not None)

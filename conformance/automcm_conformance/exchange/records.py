@@ -19,10 +19,10 @@ from automcm_conformance.adapter.protocol import INDICATIONS, HelloAnswer, Objec
 from automcm_conformance.exchange.answers import are_marks, differences
 from automcm_conformance.exchange.exchange import Link, Mismatch, Step
 from automcm_conformance.exchange.wire import Expected
+from automcm_spec.log_format.problems import first_problem
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.format.problems import first_problem
-from automcm_traces.format.writer import LogWriter
 
 FORMAT = "automcm.replay/1"
 LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_spec.vocabulary.messages import LIMIT
-from automcm_traces.checker.log_start import MID_SESSION
-from automcm_traces.checker.track import CannotTell
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
     End,
@@ -21,7 +18,10 @@ from automcm_traces.format.log import (
     Send,
     TimerArm,
 )
-from automcm_traces.format.reader import Notice, records
+from automcm_spec.log_format.reader import Notice, records
+from automcm_spec.vocabulary.messages import LIMIT
+from automcm_traces.checker.log_start import MID_SESSION
+from automcm_traces.checker.track import CannotTell
 
 LONGEST_MS = 24 * 3_600_000
 """The longest gap between two events that is replayed."""

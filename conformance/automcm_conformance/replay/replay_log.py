@@ -32,12 +32,7 @@ from automcm_conformance.exchange.results import Line
 from automcm_conformance.replay.log_compare import Difference, LogComparison, Renaming
 from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
 from automcm_conformance.scenarios.monitor import Monitor
-from automcm_spec.support import files
-from automcm_spec.vocabulary.parameters import longest_delay
-from automcm_traces.checker.finding import Diverges
-from automcm_traces.checker.track import CannotTell
-from automcm_traces.explain.explain import explain
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
@@ -47,7 +42,12 @@ from automcm_traces.format.log import (
     TimerEnd,
     problems,
 )
-from automcm_traces.format.reader import read
+from automcm_spec.log_format.reader import read
+from automcm_spec.support import files
+from automcm_spec.vocabulary.parameters import longest_delay
+from automcm_traces.checker.finding import Diverges
+from automcm_traces.checker.track import CannotTell
+from automcm_traces.explain.explain import explain
 
 MAX_STEP_MS = 1_000
 """The longest step in time, so that CAMs are sent in time (adapter.md allows 10 s)."""

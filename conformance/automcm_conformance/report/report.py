@@ -24,11 +24,11 @@ from automcm_conformance.exchange.results import (
     Report,
     Verdict,
 )
+from automcm_spec.log_format.log import TimerEnd
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, printable
 from automcm_spec.support.templates import environment
 from automcm_traces.checker.finding import At, Finding, Why
-from automcm_traces.format.log import TimerEnd
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError

@@ -18,14 +18,7 @@ from automcm_conformance.exchange.armed_timers import Clock, Running
 from automcm_conformance.exchange.records import COMPLETE, bare
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
-from automcm_spec.support import files
-from automcm_spec.vocabulary.json_forms import canonical
-from automcm_spec.vocabulary.parameters import derived, forgotten_at, in_header
-from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.checker.engine import Engine
-from automcm_traces.checker.finding import Diverges
-from automcm_traces.checker.track import CannotTell, Step, Track
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     RECORD,
     Event,
     ForgetTimer,
@@ -33,9 +26,16 @@ from automcm_traces.format.log import (
     Timer,
     TimerEnd,
 )
-from automcm_traces.format.problems import not_plain
-from automcm_traces.format.reader import read
-from automcm_traces.format.writer import LogWriter
+from automcm_spec.log_format.problems import not_plain
+from automcm_spec.log_format.reader import read
+from automcm_spec.log_format.writer import LogWriter
+from automcm_spec.support import files
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.parameters import derived, forgotten_at, in_header
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.finding import Diverges
+from automcm_traces.checker.track import CannotTell, Step, Track
 
 Json = Any
 MAX_CAM_INTERVAL_MS = 1_000

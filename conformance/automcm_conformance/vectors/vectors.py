@@ -1,9 +1,9 @@
-"""Test vectors for the trajectory kernels and for signed messages (docs/vectors.md): read,
-generate, check an implementation.
+"""Test vectors for the trajectory kernels and for signed messages (docs/vectors.md): read them,
+check an implementation.
 
-The inputs in ``conformance/vectors/*.json`` are written by hand.  ``texts`` fills in the expected
-outputs from automcm_conformance.vectors.exact_kernels; they are never written by hand.  The vectors
-for signed messages are made, with what is expected, by conformance/tests/secured_vectors.py.
+The inputs in ``conformance/vectors/*.json`` are written by hand, the expected outputs are not: in a
+clone, automcm_maintenance.exact_vectors fills them in.  The vectors for signed messages are made,
+with what is expected, by conformance/tests/secured_vectors.py.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +20,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import exact_kernels
 from automcm_conformance.vectors.vector_validation import FILE, Motion
 
 Json = Any
@@ -86,7 +84,7 @@ def paths() -> list[Path]:
 
 def load(path: Path) -> list[Case]:
     """The vectors of a file.  Raises VectorError."""
-    file = _checked(path, _read(path))
+    file = checked(path, read(path))
     return [
         Case(
             **{name: vector[name] for name in ("id", "purpose", "inputs", "expected")},
@@ -97,7 +95,8 @@ def load(path: Path) -> list[Case]:
     ]
 
 
-def _read(path: Path) -> Json:
+def read(path: Path) -> Json:
+    """A file of vectors.  Raises VectorError if it cannot be read."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -106,7 +105,7 @@ def _read(path: Path) -> Json:
         raise VectorError(f"{path.name}: not JSON: {error}") from None
 
 
-def _checked(path: Path, file: Json) -> Json:
+def checked(path: Path, file: Json) -> Json:
     """The file itself, if it is valid.  Raises VectorError for the first error."""
     try:
         FILE.validate_python(file)
@@ -263,71 +262,3 @@ def _at(t: Sequence[float], xy: Sequence[Sequence[float]], when: float) -> list[
         return list(xy[n])
     share = (when - t[n]) / (t[n + 1] - t[n])
     return [a + share * (b - a) for a, b in zip(xy[n], xy[n + 1], strict=True)]
-
-
-def texts() -> dict[Path, str]:
-    """The texts of the files, with expected outputs from exact_kernels.
-
-    Raises VectorError for a file with invalid inputs.
-    """
-    made = {VECTORS / SCHEMA: schema()}
-    for path in paths():
-        file = _read(path)
-        if path.stem in SECURED:
-            made[path] = text(_checked(path, file))
-            continue
-        with suppress(KeyError, TypeError):  # _checked reports missing fields
-            for vector in file["vectors"]:
-                vector["expected"] = {"error": {"name": "none", "why": "not known yet"}}
-        _checked(path, file)
-        for vector in file["vectors"]:
-            vector["expected"] = exact_kernels.call(file["kernel"], vector["inputs"])
-        made[path] = text(_checked(path, file))
-    return made
-
-
-def text(file: Json) -> str:
-    """The text of a file: JSON with one field of a vector on each line."""
-
-    def line(value: Json) -> str:
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-    def block(value: dict[str, Json], indent: str) -> str:
-        if not value:
-            return "{}"
-        rows = ",\n".join(f"{indent}  {line(name)}: {line(value[name])}" for name in value)
-        return f"{{\n{rows}\n{indent}}}"
-
-    head = [f"  {line(name)}: {line(file[name])}" for name in ("schema", "kernel", "rule")]
-    head += [f"  {line(name)}: {block(file[name], '  ')}" for name in ("units", "tolerance")]
-    head += [f"  {line('bugs')}: {block(dict(sorted(file['bugs'].items())), '  ')}"]
-    fields = ("id", "purpose", "bug", "inputs", "expected")
-    vectors = ",\n".join(
-        "    " + block({name: vector[name] for name in fields}, "    ")
-        for vector in file["vectors"]
-    )
-    return "{\n" + ",\n".join(head) + f',\n  "vectors": [\n{vectors}\n  ]\n}}\n'
-
-
-def schema() -> str:
-    """The JSON Schema of the files.
-
-    Only ``load`` checks that ids are unique and that bugs are in the table.
-    """
-    made = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": "urn:automcm:vectors:1",
-        "title": "Test vectors of AutoMCM, version 1",
-        **_untitled(FILE.json_schema()),
-    }
-    return json.dumps(made, indent=2, sort_keys=True) + "\n"
-
-
-def _untitled(value: Json) -> Json:
-    """The schema without pydantic's titles and without keywords of OpenAPI."""
-    if isinstance(value, list):
-        return [_untitled(each) for each in value]
-    if not isinstance(value, dict):
-        return value
-    noise = {"discriminator"} | ({"title"} if isinstance(value.get("title"), str) else set())
-    return {name: _untitled(each) for name, each in value.items() if name not in noise}

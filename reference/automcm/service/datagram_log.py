@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from automcm.links.udp_link import Address, bind, local_only
-from automcm_traces.format.writer import Sink
+from automcm_spec.log_format.writer import Sink
 
 
 class DatagramLog:

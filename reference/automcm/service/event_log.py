@@ -12,9 +12,9 @@ from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.state import Timer
 from automcm.core.station import Effects
 from automcm.encoding.codec import FRAME_BYTES
+from automcm_spec.log_format.writer import LogWriter, Sink
 from automcm_spec.vocabulary.messages import to_dict
 from automcm_spec.vocabulary.parameters import Parameters, in_header
-from automcm_traces.format.writer import LogWriter, Sink
 
 VERSION = metadata.version("automcm")
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")

@@ -36,6 +36,7 @@ from automcm.service.application import (
 )
 from automcm.service.clock_offsets import ClockOffsets, OutOfStep
 from automcm.service.statistics import Statistics
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.application import (
     Abort,
     Accept,
@@ -65,7 +66,6 @@ from automcm_spec.vocabulary.messages import (
     to_dict,
 )
 from automcm_spec.vocabulary.parameters import Parameters, longest_delay
-from automcm_traces.format.writer import LogWriter
 
 NEIGHBOURS = 256
 """Maximum number of stations whose last CAMs are kept."""

@@ -30,11 +30,11 @@ from automcm.service.datagram_log import Both
 from automcm.service.event_log import open_log
 from automcm.service.line_output import LineOutput, create
 from automcm.service.service import McService
+from automcm_spec.log_format.writer import LogWriter, Sink
 from automcm_spec.support import files
 from automcm_spec.vocabulary.application import Command, Fallback, Propose
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.format.writer import LogWriter, Sink
 
 if TYPE_CHECKING:
     from automcm.service.station_keys import StationKeys

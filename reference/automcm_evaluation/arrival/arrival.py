@@ -15,10 +15,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm.scenarios.drive import FourVehicles, arrival_s
-from automcm.scenarios.lane_change import PaperLaneChange
-from automcm.scenarios.road import Driving, Late
-from automcm.scenarios.simulation import Simulation
+from automcm.applications.lane_change import PaperLaneChange
+from automcm.applications.vehicle import Driving, Late
 from automcm_evaluation.arrival import arrival_page, sumo
 from automcm_evaluation.arrival.arrival_claims import SPEEDS_KMH, claims, summary
 from automcm_evaluation.framework.experiment import (
@@ -29,6 +27,8 @@ from automcm_evaluation.framework.experiment import (
     columns,
 )
 from automcm_evaluation.framework.intervals import mean
+from automcm_simulation.road.drive import FourVehicles, arrival_s
+from automcm_simulation.road.simulation import Simulation
 
 BLOCK = 10
 """Number of trials in one cell."""

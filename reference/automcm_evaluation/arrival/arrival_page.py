@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm.scenarios.lane_change import Plan
+from automcm.applications.lane_change import Plan
 from automcm_evaluation.arrival.arrival_claims import FIG_9_S, NEAR_S, PAPER, SPEEDS_KMH, sumo_gain
 from automcm_evaluation.arrival.sumo import HOWS
-from automcm_evaluation.framework import figures as drawing
 from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_evaluation.framework.intervals import wilson
+from automcm_simulation.road import figures as drawing
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:

@@ -15,11 +15,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from automcm.applications.lane_change import Plan
+from automcm.applications.planning import gained_at
+from automcm.applications.vehicle import STEP_S, Driving
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import Trajectory
-from automcm.scenarios.lane_change import Plan
-from automcm.scenarios.planning import gained_at
-from automcm.scenarios.road import STEP_S, Driving
 from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters

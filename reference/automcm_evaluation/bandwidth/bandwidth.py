@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm.encoding import sizes
+from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
 from automcm_evaluation.bandwidth.bandwidth_claims import claims
 from automcm_evaluation.bandwidth.bandwidth_page import figures, page

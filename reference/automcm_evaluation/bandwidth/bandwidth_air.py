@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import NamedTuple
 
-from automcm.encoding import sizes
+from automcm.applications.lane_change import PaperLaneChange
+from automcm.applications.planning import intention
+from automcm.applications.vehicle import Vehicle
 from automcm.encoding.codec import JSON, CodecError, codec
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import PaperLaneChange
-from automcm.scenarios.planning import intention
-from automcm.scenarios.road import Vehicle
+from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.framework.experiment import ExperimentError, Values
+from automcm_simulation.road.drive import SimulatedDrive
 from automcm_spec.vocabulary.messages import Cam, Cancel, Intention, Message, Session, Trajectory
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from automcm_evaluation.bandwidth.bandwidth_air import CODECS, FORMS
 from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, RIVALS, drive
-from automcm_evaluation.framework import figures as drawing
 from automcm_evaluation.framework.experiment import PAGES, Values
+from automcm_simulation.road import figures as drawing
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from automcm.applications.lane_change import Plan
+from automcm.applications.vehicle import ROAD_M
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.lane_change import Plan
-from automcm.scenarios.road import ROAD_M
 from automcm_evaluation.bandwidth.bandwidth_air import (
     BIN_MS,
     CODECS,

@@ -13,8 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from automcm.scenarios.drive import FourVehicles
-from automcm.scenarios.road import STEP_S, Driving
+from automcm.applications.vehicle import STEP_S, Driving
 from automcm_evaluation.comfort import comfort_claims, comfort_courses, comfort_page
 from automcm_evaluation.comfort.comfort_courses import (
     COURSES,
@@ -43,6 +42,7 @@ from automcm_evaluation.comfort.comfort_measures import (
     tracks,
 )
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
 DRAWN_STEPS = 5

@@ -11,15 +11,15 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from automcm.applications.lane_change import PaperLaneChange, Plan
+from automcm.applications.vehicle import STEP_S, Vehicle
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import to_message
-from automcm.scenarios import drive as driving
-from automcm.scenarios.drive import STEP_MS, FourVehicles
-from automcm.scenarios.lane_change import PaperLaneChange, Plan
-from automcm.scenarios.road import STEP_S, Vehicle
-from automcm.scenarios.simulation import Simulation
 from automcm.service.application import AgreedManeuver, Choice, Proposal
+from automcm_simulation.road import drive as driving
+from automcm_simulation.road.drive import STEP_MS, FourVehicles
+from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.application import Abort, Command, Prescribe
 from automcm_spec.vocabulary.parameters import Parameters
 

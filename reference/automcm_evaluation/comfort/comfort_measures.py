@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from automcm.applications.vehicle import STEP_S
 from automcm.kernels.trajectory import Floats
-from automcm.scenarios.road import STEP_S, Sample
+from automcm_simulation.road.road import Sample
 
 LENGTH_M = 4.5
 WIDTH_M = 2.0

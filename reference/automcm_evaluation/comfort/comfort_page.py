@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm.scenarios.drive import NAMES
-from automcm.scenarios.lane_change import Plan
-from automcm.scenarios.road import Driving, Late
+from automcm.applications.lane_change import Plan
+from automcm.applications.vehicle import Driving, Late
 from automcm_evaluation.comfort.comfort_claims import PLAIN, WITHOUT
 from automcm_evaluation.comfort.comfort_courses import COURSES, STAGES
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
-from automcm_evaluation.framework import figures as drawing
 from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_evaluation.framework.intervals import wilson
+from automcm_simulation.road import figures as drawing
+from automcm_simulation.road.drive import NAMES
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:

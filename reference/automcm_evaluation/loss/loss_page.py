@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_evaluation.loss.loss_tables import (
     MODELS,
@@ -16,6 +15,7 @@ from automcm_evaluation.loss.loss_tables import (
     late,
     robust_drives,
 )
+from automcm_simulation.road import figures
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:

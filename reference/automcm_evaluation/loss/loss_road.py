@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from random import Random
 
+from automcm.applications.lane_change import PaperLaneChange, Plan
+from automcm.applications.vehicle import Late, Vehicle
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import SimulatedDrive, arrival_s
-from automcm.scenarios.lane_change import PaperLaneChange, Plan
-from automcm.scenarios.road import Late, Vehicle
-from automcm.scenarios.simulation import Simulation
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
+from automcm_simulation.road.drive import SimulatedDrive, arrival_s
+from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.parameters import Parameters
 
 SPEED_KMH = 30.0

@@ -10,11 +10,11 @@ from random import Random
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm.service.application import CloseWindow
 from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Values
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 STEP_MS = 100

@@ -16,12 +16,12 @@ from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.clock import AsyncioClock
 from automcm.links.link import LinkError
-from automcm.links.relay import Relay
 from automcm.links.simulated_radio import Channel
 from automcm.links.udp_link import UdpLink
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import ExperimentError, Values
+from automcm_simulation.radio.relay import Relay
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 THINK_MS = 5

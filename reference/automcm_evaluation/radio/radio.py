@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from automcm.links.table_radio import TableRadio
 from automcm_evaluation.arrival.arrival import Arrival
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_page, radio_sessions, radio_tables
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured, pooled
+from automcm_simulation.radio.table_radio import TableRadio
 
 BLOCK = 50
 """Sessions in one cell."""

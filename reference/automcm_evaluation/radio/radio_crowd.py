@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from automcm.links.clock import VirtualClock
-from automcm.links.radio_link import RadioLinks
-from automcm.links.table_radio import TableRadio
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.framework.intervals import mean, quantile
 from automcm_evaluation.radio.radio_traffic import Traffic, positions
+from automcm_simulation.radio.radio_link import RadioLinks
+from automcm_simulation.radio.table_radio import TableRadio
 from automcm_spec.vocabulary.messages import BROADCAST
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -17,10 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from automcm.kernels.trajectory import Floats
-from automcm.links import table_radio
-from automcm.links.ns3_radio import Ns3Radio
-from automcm.links.propagation import BUSY_DBM, Propagation, airtime_us
-from automcm.links.table_radio import Bursts, Table, hidden_airtime
 from automcm_evaluation.radio.radio_traffic import (
     MEASUREMENTS,
     NS3,
@@ -33,6 +29,10 @@ from automcm_evaluation.radio.radio_traffic import (
     ns3_measured,
     positions,
 )
+from automcm_simulation.radio import table_radio
+from automcm_simulation.radio.ns3_radio import Ns3Radio
+from automcm_simulation.radio.propagation import BUSY_DBM, Propagation, airtime_us
+from automcm_simulation.radio.table_radio import Bursts, Table, hidden_airtime
 from automcm_spec.support import files
 
 FITTED = (

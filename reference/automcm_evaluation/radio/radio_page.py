@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_evaluation.loss.loss_page import CLASSES
 from automcm_evaluation.radio.radio_tables import ENOUGH, MODELS, TARGET
+from automcm_simulation.road import figures
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:

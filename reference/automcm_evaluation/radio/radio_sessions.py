@@ -5,14 +5,14 @@ from __future__ import annotations
 from random import Random
 
 from automcm.links.link import Link
-from automcm.links.radio_link import RadioLinks
-from automcm.links.table_radio import TableRadio
-from automcm.scenarios.simulation import Simulation
 from automcm_evaluation.framework.experiment import Values, columns
 from automcm_evaluation.framework.intervals import mean
 from automcm_evaluation.loss import loss_road
 from automcm_evaluation.loss.loss_sessions import until_agreed
 from automcm_evaluation.loss.loss_tables import four_messages, three_exchanges
+from automcm_simulation.radio.radio_link import RadioLinks
+from automcm_simulation.radio.table_radio import TableRadio
+from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.parameters import Parameters
 
 SAMPLES = 2000

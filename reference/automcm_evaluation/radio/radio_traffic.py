@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from automcm.links.propagation import OfferedLoad, Propagation, airtime_us
-from automcm.links.radio import Arrival, Radio
+from automcm_simulation.radio.propagation import OfferedLoad, Propagation, airtime_us
+from automcm_simulation.radio.radio import Arrival, Radio
 
 STEP_MS = 100
 WARM_MS = 1000

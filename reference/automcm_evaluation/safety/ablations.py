@@ -13,7 +13,6 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from automcm.adapters.spec_mapping import without
 from automcm.core.actuating import newer
 from automcm.core.advertising import answer_closed
 from automcm.core.ending import ACK, FIRST
@@ -32,6 +31,7 @@ from automcm.core.outcome import (
 from automcm.core.rules import RULES
 from automcm.core.state import State, Timer
 from automcm.service.service import McService
+from automcm_maintenance.verify.spec_mapping import without
 from automcm_spec.vocabulary.application import Fallback, Verify
 from automcm_spec.vocabulary.messages import (
     Ack,

@@ -6,7 +6,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from automcm_evaluation.safety.hazard_measures import Watched
+from automcm_simulation.road.hazard_measures import Watched
 from automcm_spec.vocabulary.application import Abort
 
 CUTS = {"cut forth": (True, False), "cut back": (False, True), "cut both ways": (True, True)}

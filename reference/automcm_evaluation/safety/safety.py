@@ -17,13 +17,13 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.straight_lane import Straight
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values
 from automcm_evaluation.safety import safety_figures, safety_page, safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Fault, Roles, drawn, inject
-from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms, met
 from automcm_evaluation.safety.safety_tables import summary
+from automcm_simulation.road.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 ROLES = Roles(prescriber=1001, target=2002, second=3003)

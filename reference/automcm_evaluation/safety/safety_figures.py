@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm_evaluation.framework import figures as drawing
 from automcm_evaluation.framework.experiment import Cell, Values
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.safety.safety_tables import lengths
+from automcm_simulation.road import figures as drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

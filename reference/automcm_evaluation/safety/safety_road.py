@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from automcm.applications.lane_change import LaneChange, PaperLaneChange
+from automcm.applications.vehicle import Late, Vehicle
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import STEP_MS, FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange, PaperLaneChange
-from automcm.scenarios.road import Late, Sample, Vehicle
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
 from automcm_evaluation.safety.faults import CUTS, Roles, drawn, inject
-from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_simulation.road.drive import STEP_MS, FourVehicles, SimulatedDrive
+from automcm_simulation.road.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_simulation.road.road import Sample
 
 ROLES = Roles(prescriber=1, target=3)
 UNCOORDINATED = "no coordination"

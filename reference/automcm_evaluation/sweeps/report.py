@@ -17,18 +17,18 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from automcm.scenarios.occupancy import HARDEST
+from automcm.applications.occupancy import HARDEST
 from automcm_evaluation.arrival.arrival_claims import sumo_gain
 from automcm_evaluation.bandwidth.bandwidth_summary import drive
-from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Cell, Experiment, ExperimentError, Values
 from automcm_evaluation.loss.loss_tables import PAPER_KNEES, T_TIMEOUTS, percent
 from automcm_evaluation.safety.ablations import WHOLE
 from automcm_evaluation.safety.safety_page import road_sum
 from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, WINDOWS_MS
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
-from automcm_evaluation.traffic.traffic_measures import TTC_S
 from automcm_evaluation.traffic_experiment.traffic_page import coverage, ended, indifferent, signed
+from automcm_simulation.road import figures
+from automcm_simulation.traffic.traffic_measures import TTC_S
 from automcm_spec.support import files, markdown
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -9,9 +9,9 @@ from random import Random
 from typing import Any
 
 from automcm_evaluation.framework.experiment import PAGES, Cell, Values, canonical
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.traffic_run import RadioName, Run, wrong
+from automcm_simulation.traffic.mover import TrafficError
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.traffic_run import RadioName, Run, wrong
 from automcm_spec.support import markdown, scratch
 
 SECONDS = 30.0

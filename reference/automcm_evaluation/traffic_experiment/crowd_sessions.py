@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from random import Random
 
-from automcm.links.table_radio import TableRadio
-from automcm.scenarios.road import LANE_WIDTH
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.applications.vehicle import LANE_WIDTH
 from automcm.service.application import AgreedManeuver, Choice, CloseWindow, all_answered
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.framework.intervals import quantile
-from automcm_evaluation.safety.hazard_measures import bound_ms, met
-from automcm_evaluation.traffic.traffic import Stations
-from automcm_evaluation.traffic.traffic_measures import DELAY_MS
+from automcm_simulation.radio.table_radio import TableRadio
+from automcm_simulation.road.hazard_measures import bound_ms, met
+from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
+from automcm_simulation.traffic.traffic import Stations
+from automcm_simulation.traffic.traffic_measures import DELAY_MS
 from automcm_spec.vocabulary.messages import Session
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from automcm.links.radio import Radio
-from automcm.links.table_radio import TableRadio
-from automcm.scenarios.road import LANE_WIDTH
+from automcm.applications.vehicle import LANE_WIDTH
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_evaluation.framework.intervals import quantile
-from automcm_evaluation.traffic.even_radio import EvenRadio
-from automcm_evaluation.traffic.mover import TrafficError
-from automcm_evaluation.traffic.sumo_mover import SumoMover
-from automcm_evaluation.traffic.traffic import Traffic
-from automcm_evaluation.traffic.traffic_scenario import Setting
-from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_simulation.radio.radio import Radio
+from automcm_simulation.radio.table_radio import TableRadio
+from automcm_simulation.traffic.even_radio import EvenRadio
+from automcm_simulation.traffic.mover import TrafficError
+from automcm_simulation.traffic.sumo_mover import SumoMover
+from automcm_simulation.traffic.traffic import Traffic
+from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters
 

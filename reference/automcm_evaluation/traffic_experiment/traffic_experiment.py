@@ -14,7 +14,7 @@ from automcm_evaluation.traffic_experiment import (
     traffic_page,
     traffic_tables,
 )
-from automcm_evaluation.traffic_scenarios.catalogue import SCENARIOS
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Number = Annotated[int, Field(ge=1, le=500)]

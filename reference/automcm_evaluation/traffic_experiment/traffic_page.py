@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from automcm.scenarios.occupancy import HARDEST
-from automcm_evaluation.framework import figures
+from automcm.applications.occupancy import HARDEST
 from automcm_evaluation.framework.experiment import PAGES, Values
-from automcm_evaluation.traffic.mover import STEP_MS
-from automcm_evaluation.traffic.traffic_measures import OVER_STEPS, TTC_S
 from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
 from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
+from automcm_simulation.road import figures
+from automcm_simulation.traffic.mover import STEP_MS
+from automcm_simulation.traffic.traffic_measures import OVER_STEPS, TTC_S
 from automcm_spec.support import markdown
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen
 from automcm_evaluation.framework.intervals import mean, quantile
-from automcm_evaluation.traffic.traffic_measures import TTC_S
 from automcm_evaluation.traffic_experiment.traffic_cell import VARIANTS
+from automcm_simulation.traffic.traffic_measures import TTC_S
 from automcm_spec.vocabulary.parameters import Parameters
 
 OTHERS = tuple(variant for variant in VARIANTS if variant != "stations")

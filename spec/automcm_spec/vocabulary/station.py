@@ -1,7 +1,7 @@
 """Station.tla and OpenStation.tla as Python.  Generated: do not edit, run make generate.
 
 Each method is the operator of that name, each class of records a NamedTuple.  Sets are frozensets;
-tuples are tuples, whose elements count from 0 here (automcm_spec.compilation.compiler).
+tuples are tuples, whose elements count from 0 here (automcm_maintenance.compilation.compiler).
 """
 
 # The compiler knows which form of tuple is left where an element is read; mypy does not.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from automcm_spec.log_format.log import ForgetTimer, MessageKey, MessageTimer, Part
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
 from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
 from automcm_spec.vocabulary.rules import RULES, handler
@@ -25,7 +26,6 @@ from automcm_traces.checker.track import (
     short,
     timer_of,
 )
-from automcm_traces.format.log import ForgetTimer, MessageKey, MessageTimer, Part
 
 Action = tuple[str, ...]
 """An effect or state of a station: ``("send", "Acceptance", "refused", "busy")``, ``("indication",

@@ -10,6 +10,22 @@ from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple, Self
 
+from automcm_spec.log_format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    ForgetTimer,
+    Header,
+    MessageTimer,
+    PlainTimer,
+    Receive,
+    Restart,
+    Send,
+    Timer,
+    TimerArm,
+    TimerEnd,
+    typed,
+)
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import Cam, Fields, Prescription
 from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, durations, lease_lasts, rank
@@ -40,22 +56,6 @@ from automcm_traces.checker.track import (
     received,
     short,
     timer_name,
-)
-from automcm_traces.format.log import (
-    ApplicationCommand,
-    ApplicationIndication,
-    Event,
-    ForgetTimer,
-    Header,
-    MessageTimer,
-    PlainTimer,
-    Receive,
-    Restart,
-    Send,
-    Timer,
-    TimerArm,
-    TimerEnd,
-    typed,
 )
 
 NOTHING = "no further effect"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
+from automcm_spec.log_format.log import Timer
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.checker.track import Step
-from automcm_traces.format.log import Timer
 
 Kind = Literal[
     "nothing",

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TypeAlias
 
+from automcm_spec.log_format.log import Event
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION, LogStart
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import CannotTell, Step, Track
-from automcm_traces.format.log import Event
-from automcm_traces.format.reader import Log, LogStream
 
 NEEDED = ("command", "receive", "restart", "send", "timer")
 """The event kinds that a log must promise for the state of its station to be known."""

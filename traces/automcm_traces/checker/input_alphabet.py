@@ -10,17 +10,7 @@ from collections.abc import Collection, Iterator
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
-from automcm_spec.vocabulary.station import (
-    Expire,
-    Input,
-    OpenStation,
-    Outcome,
-    Restart,
-    Session,
-    State,
-)
-from automcm_traces.checker.track import NUMBERED, UNBOUND, Track
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
@@ -31,6 +21,16 @@ from automcm_traces.format.log import (
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary.station import (
+    Expire,
+    Input,
+    OpenStation,
+    Outcome,
+    Restart,
+    Session,
+    State,
+)
+from automcm_traces.checker.track import NUMBERED, UNBOUND, Track
 
 AHEAD = 3
 """The maximum difference between the proposal of an unlogged Prescription and the last proposal."""

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from automcm_spec.vocabulary.parameters import DEFAULTS, Known, durations, forgotten_at
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
@@ -23,6 +22,7 @@ from automcm_traces.format.log import (
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary.parameters import DEFAULTS, Known, durations, forgotten_at
 
 LEFT = ("fallback", "finished", "no_participants")
 """The indications of a step that ends in STANDALONE."""

@@ -17,12 +17,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from math import inf
 
-from automcm_spec.vocabulary.station import Input, Outcome
-from automcm_traces.checker.engine import NOTHING, Deadline, Engine
-from automcm_traces.checker.finding import Diverges, Late, Supposition
-from automcm_traces.checker.input_alphabet import Answer, answers
-from automcm_traces.checker.track import NO_INDICATION, CannotTell, SpecInput, Track, named, short
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationIndication,
     Event,
     Header,
@@ -32,6 +27,11 @@ from automcm_traces.format.log import (
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary.station import Input, Outcome
+from automcm_traces.checker.engine import NOTHING, Deadline, Engine
+from automcm_traces.checker.finding import Diverges, Late, Supposition
+from automcm_traces.checker.input_alphabet import Answer, answers
+from automcm_traces.checker.track import NO_INDICATION, CannotTell, SpecInput, Track, named, short
 
 CHAIN = 8
 """The maximum number of consecutive unobserved inputs before one event."""

@@ -10,6 +10,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, get_args
 
+from automcm_spec.log_format.log import (
+    Command,
+    Event,
+    ForgetTimer,
+    MessageKey,
+    MessageTimer,
+    PlainTimer,
+    Receive,
+    Timer,
+)
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import (
     ANSWER_REASONS,
@@ -28,16 +38,6 @@ from automcm_spec.vocabulary.messages import (
 from automcm_spec.vocabulary.parameters import DEFAULTS, cam_lead
 from automcm_spec.vocabulary.rules import RULES, handler, line
 from automcm_spec.vocabulary.station import Input, State, Station
-from automcm_traces.format.log import (
-    Command,
-    Event,
-    ForgetTimer,
-    MessageKey,
-    MessageTimer,
-    PlainTimer,
-    Receive,
-    Timer,
-)
 
 NUMBERED = tuple(m.__name__ for m in get_args(Message) if "proposal" in m.model_fields)
 """The message types whose seq in the specification is the proposal."""

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from automcm_spec.log_format.log import Event, Receive, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.reader import Log
 from automcm_traces.edit.log_slice import is_input
-from automcm_traces.format.log import Event, Receive, Send, TimerArm, TimerEnd
-from automcm_traces.format.reader import Log
 
 Json = Any
 IDS = ("dst", "src", "station", "target", "to")

@@ -13,12 +13,12 @@ from difflib import SequenceMatcher
 from itertools import zip_longest
 from pathlib import Path
 
+from automcm_spec.log_format.event_text import fitted, safe, summary
+from automcm_spec.log_format.reader import Log, read
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import same
 from automcm_traces.edit.canonical_log import Canonical, CanonicalEvent, CanonicalStep
 from automcm_traces.explain.log_table import Logs
-from automcm_traces.format.event_text import fitted, safe, summary
-from automcm_traces.format.reader import Log, read
 
 SHOWN = 3
 """The number of steps shown before the difference."""

@@ -19,13 +19,13 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_traces.checker.finding import Finding
 from automcm_traces.edit.log_slice import Item, LogSlice
 from automcm_traces.explain.explain import Verdict, explain, explain_files, forged
 from automcm_traces.explain.log_table import Row
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.properties import SystemReport, judge
 
 TRIES = 3000

@@ -17,10 +17,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from automcm_spec.log_format.event_text import session_of
+from automcm_spec.log_format.log import End, Event, Header, Record, Send, UnknownEvent, record
+from automcm_spec.log_format.reader import LONGEST_LINE, Log, NotJsonError, cut, parse, read
 from automcm_spec.support.bad_input import name_of
-from automcm_traces.format.event_text import session_of
-from automcm_traces.format.log import End, Event, Header, Record, Send, UnknownEvent, record
-from automcm_traces.format.reader import LONGEST_LINE, Log, NotJsonError, cut, parse, read
 
 Json = Any
 Numbers = dict[tuple[str, ...], set[int]]

@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
+from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.reader import LogStream
 from automcm_spec.support.bad_input import BadInput, at_line, one_line
 from automcm_spec.vocabulary.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.vocabulary.conditions import recording
@@ -23,8 +25,6 @@ from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
 from automcm_traces.checker.finding import Finding, unreadable
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.track import INITIAL, Step, Track
-from automcm_traces.format.log import Event, Receive, Send
-from automcm_traces.format.reader import LogStream
 
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*get_args(MessageType), "CAM")

@@ -11,6 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Literal
 
+from automcm_spec.log_format.event_text import starts
+from automcm_spec.log_format.log import Event, Header, Receive
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
 from automcm_spec.vocabulary.messages import Fields, same
@@ -32,9 +35,6 @@ from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import Row
 from automcm_traces.explain.rejections import Rejections, counted, ordered
-from automcm_traces.format.event_text import starts
-from automcm_traces.format.log import Event, Header, Receive
-from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.delivery import forged_receptions
 from automcm_traces.system.properties import SystemReport, judge
 from automcm_traces.system.timeline import Recorder, Timeline

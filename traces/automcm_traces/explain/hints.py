@@ -10,14 +10,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from typing import Final
 
-from automcm_spec.vocabulary.messages import Cam
-from automcm_spec.vocabulary.station import Station
-from automcm_traces.checker.engine import Engine
-from automcm_traces.checker.finding import Diverges, Seen
-from automcm_traces.checker.follow import Ending, Follower, Watcher
-from automcm_traces.checker.log_start import OPENING, shows_standalone
-from automcm_traces.checker.track import CannotTell, Track, received
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     Event,
     Header,
     MessageTimer,
@@ -30,7 +23,14 @@ from automcm_traces.format.log import (
     transmission,
     typed,
 )
-from automcm_traces.format.number_sets import Numbers
+from automcm_spec.log_format.number_sets import Numbers
+from automcm_spec.vocabulary.messages import Cam
+from automcm_spec.vocabulary.station import Station
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.finding import Diverges, Seen
+from automcm_traces.checker.follow import Ending, Follower, Watcher
+from automcm_traces.checker.log_start import OPENING, shows_standalone
+from automcm_traces.checker.track import CannotTell, Track, received
 
 KEPT: Final = 20
 """The number of Advertisements remembered."""

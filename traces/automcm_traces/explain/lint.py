@@ -19,17 +19,17 @@ from typing import Any, BinaryIO, Final, Literal
 from pydantic import ValidationError
 from pydantic_core import from_json
 
+from automcm_spec.log_format.line_problems import KINDS, line_problems, plain
+from automcm_spec.log_format.log import problems, transmission
+from automcm_spec.log_format.number_sets import Numbers
+from automcm_spec.log_format.private_keys import private_keys
+from automcm_spec.log_format.problems import join
+from automcm_spec.log_format.reader import LONGEST_LINE, NotJsonError, cut, parse
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding
 from automcm_traces.checker.track import PHASES, ROLES
-from automcm_traces.format.line_problems import KINDS, line_problems, plain
-from automcm_traces.format.log import problems, transmission
-from automcm_traces.format.number_sets import Numbers
-from automcm_traces.format.private_keys import private_keys
-from automcm_traces.format.problems import join
-from automcm_traces.format.reader import LONGEST_LINE, NotJsonError, cut, parse
 
 Json = Any
 Level = Literal["error", "warning"]

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from rich.cells import cell_len
 
+from automcm_spec.log_format.event_text import Kind, Word, fitted, safe, words
+from automcm_spec.log_format.log import End, Header, Send
+from automcm_spec.log_format.reader import Notice, records
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import FilteredRows, Row
-from automcm_traces.format.event_text import Kind, Word, fitted, safe, words
-from automcm_traces.format.log import End, Header, Send
-from automcm_traces.format.reader import Notice, records
 from automcm_traces.system.copy_folding import Key, folded, key_of
 
 WIDTH = 80

@@ -14,9 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.format.event_text import Kind, kind, safe, session_of, summary
-from automcm_traces.format.log import (
+from automcm_spec.log_format.event_text import Kind, kind, safe, session_of, summary
+from automcm_spec.log_format.log import (
     End,
     Event,
     Header,
@@ -26,7 +25,8 @@ from automcm_traces.format.log import (
     TimerEnd,
     transmission,
 )
-from automcm_traces.format.reader import Notice, header_of, records
+from automcm_spec.log_format.reader import Notice, header_of, records
+from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.system.fates import Arrow, Fate
 from automcm_traces.system.streamed_fates import StreamedFates
 

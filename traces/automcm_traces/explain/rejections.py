@@ -10,8 +10,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Final, Literal
 
+from automcm_spec.log_format.log import Event, Receive, transmission
 from automcm_traces.checker.follow import Follower, Watcher
-from automcm_traces.format.log import Event, Receive, transmission
 from automcm_traces.system.fates import ANYONE, source_of
 
 Cause = Literal["forged", "replayed", "stale", "untrusted", "malformed", "other"]

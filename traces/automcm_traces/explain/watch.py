@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from automcm_spec.log_format.event_text import starts
+from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
+from automcm_spec.log_format.reader import GrowingLog, LogStream
 from automcm_spec.support.bad_input import BadInput, name_of, printable
 from automcm_traces.checker.finding import unreadable
 from automcm_traces.checker.follow import Check
 from automcm_traces.explain import explain
 from automcm_traces.explain.explain import Noted, Verdict
-from automcm_traces.format.event_text import starts
-from automcm_traces.format.growing_file import GrowingFile, LineBuffer
-from automcm_traces.format.reader import GrowingLog, LogStream
 from automcm_traces.system.properties import SystemReport
 
 What = Literal["begun", "note", "waiting", "verdict", "together", "end"]

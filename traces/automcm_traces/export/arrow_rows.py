@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from automcm_spec.log_format.reader import header_of
 from automcm_traces.explain.log_table import Logs, Row
-from automcm_traces.format.reader import header_of
 
 
 def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, Row]]:

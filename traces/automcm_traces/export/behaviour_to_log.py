@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.messages import LIMIT
@@ -40,7 +41,6 @@ from automcm_spec.vocabulary.station import (
     Timer,
 )
 from automcm_traces.checker.track import REASONS
-from automcm_traces.format.writer import LogWriter
 
 Json = Any
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")

@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic_core import from_json
 
+from automcm_spec.log_format.reader import Log
 from automcm_spec.model_checking import models, tlc_simulation
 from automcm_spec.support.bad_input import at_line
 from automcm_spec.vocabulary.json_forms import input_of
@@ -24,7 +25,6 @@ from automcm_traces.checker.track import CannotTell, Step, Track
 from automcm_traces.export import behaviour_to_log, itf, itf_validation
 from automcm_traces.export.behaviour_effects import effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
-from automcm_traces.format.reader import Log
 from automcm_traces.system.fates import Arrow
 
 TICK_MS = 100

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.event_text import summary
+from automcm_spec.log_format.log import SCHEMA
+from automcm_spec.log_format.reader import header_of, records
 from automcm_spec.support.bad_input import name_of, one_line
 from automcm_traces.export.arrow_rows import arrow_rows
-from automcm_traces.format.event_text import summary
-from automcm_traces.format.log import SCHEMA
-from automcm_traces.format.reader import header_of, records
 
 TOPIC = "/automcm/"
 """The name of a channel is this and the id of its station."""

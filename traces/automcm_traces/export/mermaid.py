@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from automcm_spec.support.bad_input import printable
-from automcm_traces.explain.log_table import Row
-from automcm_traces.format.event_text import summary
-from automcm_traces.format.log import (
+from automcm_spec.log_format.event_text import summary
+from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
@@ -15,6 +13,8 @@ from automcm_traces.format.log import (
     Restart,
     Send,
 )
+from automcm_spec.support.bad_input import printable
+from automcm_traces.explain.log_table import Row
 from automcm_traces.system.copy_folding import Key, folded, key_of
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from automcm_traces.format.event_text import safe, summary
-from automcm_traces.format.log import Event, Receive, Send
+from automcm_spec.log_format.event_text import safe, summary
+from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
 from automcm_traces.system.delivery import Deliveries

@@ -8,8 +8,8 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
-from automcm_traces.format.event_text import summary
-from automcm_traces.format.log import Event, Receive, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.event_text import summary
+from automcm_spec.log_format.log import Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.system.log_merge import content
 
 Item = TypeVar("Item")

@@ -6,9 +6,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, same
-from automcm_traces.format.log import Receive, Send
-from automcm_traces.format.reader import Log
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.fates import (
     ANYONE,

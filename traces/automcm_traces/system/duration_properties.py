@@ -10,10 +10,10 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
+from automcm_spec.log_format.log import Event, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_session
-from automcm_traces.format.log import Event, Send, TimerArm, TimerEnd
-from automcm_traces.format.reader import Log
 from automcm_traces.system.timeline import Moment, Period, Session, Timeline
 from automcm_traces.system.world import World
 

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
+from automcm_spec.log_format.log import Header, Send, transmission
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.format.log import Header, Send, transmission
-from automcm_traces.format.reader import Log
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Node
 

@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import DEFAULTS
-from automcm_traces.format.log import Receive
 from automcm_traces.system.clock_offsets import Span
 from automcm_traces.system.timeline import Period, Session, Timeline, session_of
 from automcm_traces.system.world import World

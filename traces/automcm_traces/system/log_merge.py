@@ -18,9 +18,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, same
-from automcm_traces.format.log import Event, Receive, Send
-from automcm_traces.format.reader import Log
 
 Node = tuple[int, int]
 """An event: the index of its log among the merged logs, and its index in ``Log.events``."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Literal
 
+from automcm_spec.log_format.reader import Log
 from automcm_spec.support.bad_input import printable
-from automcm_traces.format.reader import Log
 from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard

@@ -14,11 +14,11 @@ from hashlib import blake2b
 from itertools import pairwise
 from pathlib import Path
 
+from automcm_spec.log_format.log import End, Event, Header, Receive, Send, transmission
+from automcm_spec.log_format.number_sets import Numbers
+from automcm_spec.log_format.reader import Notice, records
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.format.log import End, Event, Header, Receive, Send, transmission
-from automcm_traces.format.number_sets import Numbers
-from automcm_traces.format.reader import Notice, records
 from automcm_traces.system.clock_offsets import Clocks, Travels
 from automcm_traces.system.fates import (
     ANYONE,

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
+from automcm_spec.log_format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.vocabulary.messages import Fields, to_dict
 from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.track import Entry, Step, Track
-from automcm_traces.format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
-from automcm_traces.format.reader import Log, LogStream
 
 Session = tuple[int, int]
 EndReason = Literal["clean", "stopped", "diverges", "cannot_tell"]

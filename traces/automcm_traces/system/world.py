@@ -5,8 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 
-from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.format.log import (
+from automcm_spec.log_format.log import (
     ApplicationIndication,
     Event,
     Receive,
@@ -14,7 +13,8 @@ from automcm_traces.format.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.format.reader import Log
+from automcm_spec.log_format.reader import Log
+from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.clock_offsets import Clocks, Span
 from automcm_traces.system.delivery import Deliveries, Forged
 from automcm_traces.system.log_merge import Merged, merge

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.support.templates import environment
 from automcm_traces.edit.log_diff import text
-from automcm_traces.format.event_text import safe, summary
 from automcm_traces.viewer.page_data import Page, as_dict
 from automcm_traces.viewer.page_pack import compact
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from automcm_spec.log_format.reader import Log
 from automcm_traces.edit.canonical_log import CanonicalEvent
 from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
-from automcm_traces.format.reader import Log
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import Run

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.event_text import session_of, summary
+from automcm_spec.log_format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.reader import Log
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
-from automcm_traces.format.event_text import session_of, summary
-from automcm_traces.format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
-from automcm_traces.format.reader import Log
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import FATES

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from automcm_spec.log_format.log import Restart, Timer, TimerArm, TimerEnd
+from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.parameters import durations, lease_lasts
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_traces.checker.follow import Ending, Watcher
 from automcm_traces.checker.track import Step, Track
-from automcm_traces.format.log import Restart, Timer, TimerArm, TimerEnd
-from automcm_traces.format.reader import Log
 
 KEYFRAME = 100
 """The distance in steps between complete states; between them, only changes are stored."""

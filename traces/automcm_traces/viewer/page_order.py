@@ -5,8 +5,8 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping, Sequence
 
-from automcm_traces.format.log import Event, Receive
-from automcm_traces.format.reader import Log
+from automcm_spec.log_format.log import Event, Receive
+from automcm_spec.log_format.reader import Log
 from automcm_traces.system.log_merge import Node
 
 

@@ -11,11 +11,11 @@ from stat import S_ISREG
 
 from pydantic import ValidationError
 
+from automcm_spec.log_format.event_text import session_of
+from automcm_spec.log_format.log import End, Event, Header, Receive, Send, UnknownEvent
+from automcm_spec.log_format.reader import Log, LogStream, NotJsonError, parse
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.explain.explain import Explained
-from automcm_traces.format.event_text import session_of
-from automcm_traces.format.log import End, Event, Header, Receive, Send, UnknownEvent
-from automcm_traces.format.reader import Log, LogStream, NotJsonError, parse
 
 MOST_EVENTS = 100_000
 """In all logs of a run. Each event takes 5 to 7 KB while the page is made."""

@@ -11,11 +11,11 @@ from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.log import Receive, Send, transmission
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
 from automcm_traces.explain.explain import Explained, Verdict, explained, together, verdicts
-from automcm_traces.format.log import Receive, Send, transmission
-from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport

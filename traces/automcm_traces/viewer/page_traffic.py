@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from automcm_spec.log_format.reader import Log
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.format.reader import Log
 from automcm_traces.system.log_merge import Node
 
 Json = Any

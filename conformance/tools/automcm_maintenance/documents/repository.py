@@ -1,0 +1,26 @@
+"""The folders of the repository, and tables of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[4]
+"""The root of the repository."""
+SOURCES = {
+    path.name: path
+    for folder in ("spec", "reference", "traces", "conformance")
+    for path in sorted((ROOT / folder).glob("automcm*"))
+}
+"""The folder of each package of the product and of the evaluation, by name."""
+PAGES = Path(__file__).with_name("pages")
+"""Templates of Markdown."""
+
+
+def markdown_table(
+    heads: Sequence[str], rows: Sequence[Sequence[object]], left: Sequence[str] = ("what",)
+) -> str:
+    """A table of Markdown; the first and the ``left`` columns are left-aligned."""
+    ruler = ["---" if n == 0 or head in left else "---:" for n, head in enumerate(heads)]
+    cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells])

@@ -1,0 +1,50 @@
+"""Replays behaviours of the closed models: several stations, each behind its own adapter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from automcm_maintenance.verify.graph_comparison import Adapter
+from automcm_spec.model_checking.tlc_simulation import Behaviour
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import Session
+
+ME = 1
+
+
+def seen_by(station: int) -> renumbering.Rename:
+    """A renaming of sessions that exchanges the ids of ``station`` and ME."""
+    ids = {station: ME, ME: station}
+
+    def to(session: Session) -> Session:
+        return ids.get(session[0], session[0]), session[1]
+
+    return to
+
+
+def replay(behaviour: Behaviour, adapter: Callable[[], Adapter]) -> str | None:
+    """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
+    stations: dict[int, tuple[Adapter, Any]] = {}
+    for n, (who, value, after) in enumerate(behaviour, 1):
+        if who not in stations:
+            fresh = adapter()
+            fresh.reset()
+            stations[who] = (fresh, fresh.save())
+        station, saved = stations[who]
+        station.put_state(saved)
+        to = seen_by(who)
+        seen = renumbering.input_of(value, to)
+        try:
+            station.apply(seen)
+        except Exception as error:  # an implementation may raise any exception
+            return f"step {n}, station {who}, {canonical(seen)}: {type(error).__name__}: {error}"
+        wanted, found = renumbering.state(after, to), station.state()
+        if wanted != found:
+            return (
+                f"step {n}, station {who}, {canonical(seen)}: "
+                f"spec {canonical(wanted)}, code {canonical(found)}"
+            )
+        stations[who] = (station, station.save())
+    return None

@@ -1,0 +1,520 @@
+"""``automcm verify``: model checking, generation and comparison, with a report in every case."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter
+
+from automcm_cli.shared.common import unknown
+from automcm_cli.spec import model_output
+from automcm_maintenance.compilation import compiler
+from automcm_maintenance.documents import counterexample_pages, generated_files
+from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.verify import graph_comparison, kept_stages
+from automcm_maintenance.verify.behaviour_replay import replay
+from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
+from automcm_spec.model_checking import kept_results, models, tlc, tlc_simulation
+from automcm_spec.model_checking.tlc import TlcError
+from automcm_spec.model_checking.toolchain import ToolError
+from automcm_spec.support import children, files
+from automcm_spec.vocabulary import json_forms
+from automcm_spec.vocabulary.rules import RULES
+
+BEHAVIOURS = ((30, 40, False), (70, 40, True))
+"""The number, length and kind of random behaviours of the closed models that are replayed."""
+SEED = 7
+KEPT = ROOT / "runs" / "kept"
+"""The folder of data for later runs: results of models, and durations of stages."""
+SECONDS = "seconds.json"
+CODE = ("spec/automcm_spec", "spec/tla", "spec/oracle", "pyproject.toml")
+"""What the graph of one station depends on."""
+COMPARED = (
+    *CODE,
+    "spec/simulation",
+    "spec/tools",
+    "reference/automcm",
+    "traces/automcm_traces",
+    "conformance",
+)
+"""What the comparisons depend on."""
+WHOLE = ("docs", "spec", "reference", "traces", "conformance", "README.md", *CODE)
+"""What the generated files depend on."""
+EARLIER = 3
+"""Number of runs whose durations are kept."""
+T = TypeVar("T")
+_HISTORY = TypeAdapter(dict[str, dict[str, list[float]]])
+
+
+class NotLoaded(Exception):
+    """The reference cannot be imported; the text gives the reason."""
+
+
+@dataclass
+class Report:
+    """The results of ``automcm verify``.  ``errors`` are failures of tools and inputs."""
+
+    profile: str
+    models_too: bool = True
+    """Whether the models are checked; otherwise only the reference is compared."""
+    rule: str | None = None
+    """The rule of the short loop, which uses the small graph and disables only this rule."""
+    verdicts: list[models.Verdict] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+    """The models that the quick profile leaves to *full*."""
+    oracle: dict[str, Any] = field(default_factory=dict)
+    compared: dict[str, graph_comparison.Comparison] = field(default_factory=dict)
+    compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
+    """The comparison of the compiled station with TLC's graphs; not with ``rule``."""
+    coverage: graph_comparison.Coverage | None = None
+    """Also None if the reference differs, because then every disabled rule shows a difference."""
+    behaviours: int = 0
+    behaviour_differences: list[str] = field(default_factory=list)
+    drift: list[str] = field(default_factory=list)
+    pages: list[str] = field(default_factory=list)
+    """Unexpected counterexamples, each as a page (docs/trace-format.md)."""
+    unnoticed: bool = False
+    """Whether the specification's graph differs from the committed one, but no model does."""
+    errors: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+    """The duration of each stage; the models are checked beside the other stages."""
+    elapsed: float = 0.0
+    kept_stages: list[str] = field(default_factory=list)
+    """The stages with a kept result."""
+    fresh: bool = False
+    earlier: dict[str, list[float]] = field(default_factory=dict)
+    """The durations of each stage in earlier runs of this profile here, the last one first."""
+
+    @property
+    def loop(self) -> str:
+        """Runs with the same stages, whose durations are comparable."""
+        return "rule" if self.rule else self.profile
+
+    @property
+    def kept(self) -> int:
+        """The number of models with a kept result, because none of its inputs has changed."""
+        return sum(verdict.kept for verdict in self.verdicts)
+
+    def took_earlier(self, stage: str) -> str:
+        """The earlier durations as text; empty without any."""
+        times = ", ".join(f"{seconds:.0f}" for seconds in self.earlier.get(stage, ()))
+        return f" (earlier: {times} s)" if times else ""
+
+    @property
+    def graphs(self) -> tuple[oracle_generation.Graph, ...]:
+        """The graphs that are compared, beside the one of the present specification."""
+        larger = () if self.profile == "quick" else (oracle_generation.TWO_PEERS,)
+        return (oracle_generation.TIGHT, *larger)
+
+    @property
+    def divergences(self) -> list[dict[str, Any]]:
+        """The divergences of all comparisons for ``--json``, those of the requested rule first."""
+        found = [d for c in self.compared.values() for d in c.divergences]
+        found.sort(key=lambda d: d.rule != self.rule)
+        return [d.as_dict() for d in found] + [
+            {"behaviour": text} for text in self.behaviour_differences
+        ]
+
+    @property
+    def all_errors(self) -> list[str]:
+        """Each error once, including those of single models."""
+        return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
+
+    @property
+    def pairs(self) -> int:
+        """The number of pairs of state and input that the requested rule decides."""
+        return sum(c.decided[self.rule or ""] for c in self.compared.values())
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the requested rule decides nothing in the small graph and has no effect there."""
+        covered = self.coverage.covered if self.coverage else {}
+        decided = bool(self.pairs or self.divergences or self.rule in covered)
+        return self.rule is not None and bool(self.compared) and not decided
+
+    @property
+    def ok(self) -> bool:
+        """Whether all results are as expected."""
+        return (
+            not self.errors
+            and not self.drift
+            and (bool(self.verdicts) or not self.models_too)
+            and all(verdict.ok for verdict in self.verdicts)
+            and bool(self.compared)
+            and not self.divergences
+            and (bool(self.compiled) or self.rule is not None)
+            and not any(a.differences for a in self.compiled.values())
+            and self.coverage is not None
+            and not self.coverage.uncovered
+            and not self.undecided
+        )
+
+    @property
+    def exit_code(self) -> int:
+        """0 success, 1 a check failed, 3 a tool could not be run, 4 the requested rule decides
+        nothing."""
+        if self.errors:
+            return 3
+        if self.undecided:
+            return 4
+        return model_output.exit_code(self.verdicts) or int(not self.ok)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report for ``--json``."""
+        rules = self.coverage or graph_comparison.Coverage(by_test={})
+        return {
+            "ok": self.ok,
+            "profile": self.profile,
+            "models_too": self.models_too,
+            "rule": self.rule,
+            "unnoticed": self.unnoticed,
+            "left_to_full": self.left,
+            "kept_stages": self.kept_stages,
+            "models": [model_output.as_dict(v) | {"kept": v.kept} for v in self.verdicts],
+            "kept": self.kept,
+            "oracle": self.oracle,
+            "reference": {
+                "states_compared": sum(c.states for c in self.compared.values()),
+                "inputs_compared": sum(c.inputs for c in self.compared.values()),
+                "divergences": self.divergences,
+                "rules_covered": sorted(rules.covered),
+                "rules_uncovered": rules.uncovered,
+                "rules_by_test": rules.by_test,
+                "behaviours_replayed": self.behaviours,
+            },
+            "compiled": {
+                "states_compared": sum(a.states for a in self.compiled.values()),
+                "inputs_compared": sum(a.inputs for a in self.compiled.values()),
+                "differences": [str(d) for a in self.compiled.values() for d in a.found],
+            },
+            "drift": self.drift,
+            "pages": self.pages,
+            "errors": self.all_errors,
+            "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
+            "earlier_seconds": self.earlier,
+        }
+
+
+def reference(constants: dict[str, Any]) -> graph_comparison.Adapter:
+    """The reference behind its in-process adapter."""
+    from automcm_maintenance.verify.spec_mapping import Reference
+
+    return Reference(constants)
+
+
+def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Adapter:
+    from automcm_maintenance.verify.spec_mapping import Reference, without
+
+    return Reference(constants, without(rule))
+
+
+def _walk(data: bytes) -> graph_comparison.Comparison:
+    graph = oracle.parse(data, "oracle")
+    return graph_comparison.walk(graph, reference(graph.constants))
+
+
+def _agree(data: bytes) -> oracle_agreement.Agreement:
+    graph = oracle.parse(data, "oracle")
+    return oracle_agreement.compare(graph, json_forms.open_station(graph.constants))
+
+
+def _cover(data: bytes, wanted: Collection[str]) -> graph_comparison.Coverage:
+    graph = oracle.parse(data, "oracle")
+    return graph_comparison.covered(
+        graph, lambda rule: _without(graph.constants, rule), wanted=wanted
+    )
+
+
+def _behave() -> tuple[int, list[str]]:
+    found = [
+        behaviour
+        for number, depth, lively in BEHAVIOURS
+        for behaviour in tlc_simulation.behaviours(number, depth, SEED, lively=lively)
+    ]
+    answers = (
+        replay(behaviour, lambda: reference(tlc_simulation.CONSTANTS)) for behaviour in found
+    )
+    return len(found), [answer for answer in answers if answer]
+
+
+def run(
+    profile: str = "quick",
+    notify: Callable[[str], None] = lambda text: None,
+    *,
+    models_too: bool = True,
+    rule: str | None = None,
+    fresh: bool = False,
+) -> Report:
+    """Check the models, write the oracle, compare, and find stale files.
+
+    With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results; the larger
+    profiles always do.
+
+    Problems of the examined files become errors of the report: a specification that does not parse,
+    a reference that cannot be imported, a missing Java, a full disk.  Raises ValueError for an
+    unknown profile.
+    """
+    if profile not in models.PROFILES:
+        raise ValueError(unknown(profile, models.PROFILES, "profile"))
+    report = Report(profile, models_too, rule, fresh=fresh or profile != "quick")
+    report.earlier = _history().get(report.loop, {})
+    started = time.monotonic()
+    if rule is not None:
+        with _errors(report):
+            _compare_rule(report, rule, notify)
+    else:
+        _stages(report, notify)
+    report.elapsed = time.monotonic() - started
+    if report.ok:
+        _remember(report)
+    return report
+
+
+def _stages(report: Report, notify: Callable[[str], None]) -> None:
+    """Check the models beside the other stages, each of which uses one core or two."""
+    stop = tlc.Stop()
+    with ThreadPoolExecutor(1) as beside:
+        checking = beside.submit(_models, report, notify, stop) if report.models_too else None
+        data = None
+        try:
+            with _errors(report):
+                data = _oracle(report, oracle_generation.ONE_PEER, notify)
+                _compare(report, data, notify)
+                _drift(report, data, notify)
+            if checking is not None:
+                with _errors(report):
+                    checking.result()
+        except BaseException:
+            stop.now()
+            raise
+    with _errors(report):
+        _of_models(report, data)
+
+
+def _of_models(report: Report, one_peer: bytes | None) -> None:
+    """What is said of the verdicts beside the verdicts."""
+    report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
+    report.drift += generated_files.counterexample_drift(report.verdicts)
+    report.unnoticed = (
+        one_peer is not None
+        and bool(report.verdicts)
+        and all(verdict.ok for verdict in report.verdicts)
+        and generated_files.graph_changed(one_peer)
+    )
+
+
+@contextmanager
+def _errors(report: Report) -> Iterator[None]:
+    """Failures of tools and inputs become errors of the report."""
+    try:
+        yield
+    except (
+        TlcError,
+        ToolError,
+        models.ModelError,
+        oracle.OracleError,
+        OSError,
+        NotLoaded,
+    ) as error:
+        report.errors.append(str(error))
+    except ValueError as error:
+        report.errors.append(f"oracle: {error}")
+
+
+def _kept(
+    report: Report,
+    name: str,
+    parts: Sequence[str],
+    make: Callable[[], T],
+    clean: Callable[[T], bool],
+) -> T:
+    """The result of a stage, kept if the files that it depends on have not changed."""
+    if report.fresh:
+        return make()
+    key = kept_stages.key(ROOT, *parts)
+    found, earlier = kept_stages.kept(KEPT / f"{name}.stage", key, make, clean)
+    if earlier:
+        report.kept_stages.append(name)
+    return found
+
+
+def _history() -> dict[str, dict[str, list[float]]]:
+    """``Report.earlier`` of each loop; empty without a readable file."""
+    with suppress(OSError, ValueError):
+        return _HISTORY.validate_json((KEPT / SECONDS).read_bytes())
+    return {}
+
+
+def _remember(report: Report) -> None:
+    """Add the durations to the history; of two concurrent runs, the last one wins."""
+    stages = {
+        name: [round(seconds, 1), *report.earlier.get(name, ())][:EARLIER]
+        for name, seconds in report.seconds.items()
+    }
+    history = _history() | {report.loop: report.earlier | stages}
+    with suppress(OSError):
+        KEPT.mkdir(parents=True, exist_ok=True)
+        files.write(KEPT / SECONDS, json.dumps(history))
+
+
+@contextmanager
+def _timed(
+    report: Report, name: str, notify: Callable[[str], None]
+) -> Iterator[Callable[[str], None]]:
+    """A stage, with a callback for its progress."""
+    earlier = report.took_earlier(name)
+    started = time.monotonic()
+    try:
+        yield lambda text: notify(f"{text}{earlier}")
+    finally:
+        report.seconds[name] = time.monotonic() - started
+
+
+def _models(report: Report, notify: Callable[[str], None], stop: tlc.Stop) -> None:
+    loaded = models.load()
+    chosen = models.of_profile(loaded, report.profile)
+    if report.profile == "quick":
+        report.left = [model.cfg for model in loaded if model.profile == "full"]
+    with _timed(report, "models", notify) as notify:
+        notify(f"models 0/{len(chosen)}")
+
+        def done(verdict: models.Verdict) -> None:
+            report.verdicts.append(verdict)
+            n = f"{len(report.verdicts)}/{len(chosen)}"
+            how = " (kept)" if verdict.kept else ""
+            notify(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
+
+        kept_results.check_all(chosen, KEPT, fresh=report.fresh, on_done=done, stop=stop)
+    order = [m.cfg for m in chosen]
+    report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
+
+
+def _oracle(report: Report, graph: oracle_generation.Graph, notify: Callable[[str], None]) -> bytes:
+    with _timed(report, "oracle", notify) as notify:
+        notify(f"oracle: {graph.name}")
+
+        def make() -> bytes:
+            data, _ = oracle_generation.build(graph, short=graph is oracle_generation.SMALL)
+            return oracle.dump(data)
+
+        fresh = _kept(report, f"oracle {graph.name}", CODE, make, lambda data: True)
+        written = oracle.parse(fresh, "oracle")
+        report.oracle = {
+            "states": len(written.states),
+            "transitions": written.transitions,
+            "refusals": written.refusals,
+            "spec_hash": written.spec_hash,
+        }
+    return fresh
+
+
+def _compare_rule(report: Report, rule: str, notify: Callable[[str], None]) -> None:
+    """The short loop: all inputs in all states of the small graph, also with the rule disabled."""
+    _load_reference()
+    data = _oracle(report, oracle_generation.SMALL, notify)
+    with _timed(report, "comparison", notify) as notify:
+        notify("comparison: every state, every input")
+        report.compared = {oracle_generation.SMALL.name: _walk(data)}
+        if not report.divergences:
+            report.coverage = _cover(data, [rule])
+
+
+def _load_reference() -> None:
+    """The reference.  Raises NotLoaded, because code under change may not be importable."""
+    try:
+        importlib.import_module("automcm_maintenance.verify.spec_mapping")
+    except Exception as error:
+        text = f"the reference cannot be imported: {type(error).__name__}: {error}"
+        raise NotLoaded(text) from error
+
+
+def _drift(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+    with _timed(report, "generated files", notify) as notify:
+        notify("generated files")
+        report.drift += _kept(
+            report,
+            "generated files",
+            WHOLE,
+            lambda: generated_files.drift(report.profile, one_peer, notify),
+            lambda drift: not drift,
+        )
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+
+
+@dataclass
+class _Compared:
+    """The result of the stage of comparisons, as in ``Report``."""
+
+    compared: dict[str, graph_comparison.Comparison]
+    compiled: dict[str, oracle_agreement.Agreement]
+    coverage: graph_comparison.Coverage | None
+    behaviours: int
+    behaviour_differences: list[str]
+    drift: list[str]
+
+    @property
+    def clean(self) -> bool:
+        """Whether everything is as expected."""
+        differences = [c.differences for c in self.compared.values()]
+        differences += [a.differences for a in self.compiled.values()]
+        rules = self.coverage is not None and not self.coverage.uncovered
+        return rules and not (any(differences) or self.behaviour_differences or self.drift)
+
+
+def _compare(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+    with _timed(report, "comparison", notify) as notify:
+        found = _kept(
+            report,
+            "comparison",
+            COMPARED,
+            lambda: _comparisons(report, one_peer, notify),
+            lambda found: found.clean,
+        )
+    report.compared, report.compiled, report.coverage = (
+        found.compared,
+        found.compiled,
+        found.coverage,
+    )
+    report.behaviours, report.behaviour_differences = found.behaviours, found.behaviour_differences
+    report.drift += found.drift
+
+
+def _comparisons(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
+    _load_reference()
+    drift = []
+    with _pool() as pool:
+        notify("comparison: every state, every input")
+        data = {oracle_generation.ONE_PEER.name: one_peer}
+        for graph in report.graphs:
+            try:
+                found = oracle.content(graph.path)
+                oracle.parse(found, graph.path, oracle_generation.spec_hash())
+            except oracle.OracleError as error:
+                drift.append(generated_files.error_text(error))
+                continue
+            data[graph.name] = found
+        # The largest first, because it takes half of the time.
+        ordered = sorted(data, key=lambda name: -len(data[name]))
+        begun = {name: pool.submit(_walk, data[name]) for name in ordered}
+        agreed = {
+            name: pool.submit(_agree, data[name])
+            for name in (ordered if compiler.is_fresh() else ())  # else it is drift
+        }
+        covered = pool.submit(_cover, one_peer, RULES)
+        behaved = pool.submit(_behave)
+        compared = {name: begun[name].result() for name in data}
+        compiled = {name: agreed[name].result() for name in agreed}
+        notify("comparison: every rule taken away")
+        differs = compared[oracle_generation.ONE_PEER.name].differences
+        coverage = None if differs else covered.result()
+        return _Compared(compared, compiled, coverage, *behaved.result(), drift)

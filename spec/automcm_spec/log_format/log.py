@@ -1,0 +1,461 @@
+"""The log format ``automcm.trace/1``: the records of a station's log.
+
+A log is NDJSON (UTF-8, one JSON object per line, lines end with a line feed), one file per station:
+a header, events, an end. Three rules apply to every line:
+
+* an absent field was *not observed*; there is no null;
+* numbers are integers (times in milliseconds, lengths in millimetres); there are no floats;
+* keys that start with ``x_`` are vendor fields and ignored; any other unknown key is rejected.
+
+The reader checks the order of lines, ``seq`` and ``t_ms``, not this module.
+"""
+
+import base64
+import binascii
+import json
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+    model_validator,
+)
+from pydantic_core import SchemaValidator
+from typing_extensions import TypeAliasType
+
+from automcm_spec.log_format.problems import not_an_integer, not_plain, problems_of
+from automcm_spec.vocabulary import application, messages
+from automcm_spec.vocabulary.messages import (
+    MESSAGE,
+    Array,
+    Fields,
+    StationId,
+    fault,
+    missing,
+    required,
+)
+from automcm_spec.vocabulary.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
+
+SCHEMA: Final = "automcm.trace/1"
+
+Value = TypeAliasType(
+    "Value", "StrictBool | StrictInt | StrictStr | list[Value] | dict[str, Value]"
+)
+"""Plain JSON without null and float."""
+
+EventKind = Literal["command", "indication", "receive", "restart", "send", "timer"]
+
+
+def _typed_message(message: dict[str, Value]) -> dict[str, Value]:
+    if not isinstance(message.get("type"), str):
+        raise fault("type", "a message must have a string 'type'")
+    return message
+
+
+def _base64(text: str) -> str:
+    try:
+        base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError):
+        raise fault("", "must be base64") from None
+    return text
+
+
+def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
+    if list(kinds) != (wanted := sorted(set(kinds))):
+        raise fault("", f"must be sorted, without duplicates: {json.dumps(wanted)}")
+    return kinds
+
+
+Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
+"""At most the largest integer that a float represents exactly, as in a message
+(docs/messages.md)."""
+Deadline = Annotated[int, Field(ge=0, le=2 * (2**53 - 1))]
+"""A time and a lease later: each may be the largest integer of a message (ACT-4)."""
+Positive = Annotated[int, Field(ge=1, le=2**53 - 1)]
+Percent = Annotated[int, Field(ge=0, le=99)]
+Name = Annotated[str, Field(min_length=1)]
+Transmission = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}:[0-9]{1,19}$")]
+Message = Annotated[
+    dict[str, Value],
+    Field(json_schema_extra={"properties": {"type": {"type": "string"}}, "required": ["type"]}),
+    AfterValidator(_typed_message),
+]
+Base64 = Annotated[
+    str, Field(json_schema_extra={"contentEncoding": "base64"}), AfterValidator(_base64)
+]
+
+
+def transmission(tx: str) -> tuple[int, int]:
+    """The station and the counter of a transmission id."""
+    station, counter = tx.split(":")
+    return int(station), int(counter)
+
+
+class Part(BaseModel):
+    """An object of the log: immutable, strict, without unknown fields except vendor fields."""
+
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="forbid", use_attribute_docstrings=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_vendor_fields(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        if wrong := not_plain(data):
+            raise fault(*wrong)
+        return {key: value for key, value in data.items() if not key.startswith("x_")}
+
+
+class Implementation(Part):
+    """The implementation that wrote the log."""
+
+    name: Name
+    version: Name
+
+
+class Spec(Part):
+    """The specification the implementation was built against."""
+
+    name: Literal["Station"]
+    hash: Name
+
+
+if TYPE_CHECKING:
+    Parameters = Part
+else:
+    _OF_UNIT = {"ms": Natural, "percent": Percent, "count": Positive}
+    Parameters = create_model(
+        "Parameters",
+        __base__=Part,
+        __doc__="The known parameters of the station: ``t_`` in milliseconds, ``clock_drift`` in"
+        " percent\n(0 if absent), the others are counts.",
+        **{name: (_OF_UNIT[UNITS[name]] | None, None) for name in IN_HEADER},
+    )
+
+
+class Header(Part):
+    """The first line: the writer of the log, and what the log promises."""
+
+    rec: Literal["header"]
+    schema_version: Literal["automcm.trace/1"] = Field(alias="schema")
+    run: Name
+    """The name of the run, equal in the logs of all its stations."""
+    station: StationId
+    implementation: Implementation
+    spec: Spec | None = None
+    parameters: Parameters
+    complete: Annotated[
+        tuple[EventKind, ...],
+        Array,
+        Field(json_schema_extra={"uniqueItems": True}),
+        AfterValidator(_sorted_kinds),
+    ]
+    """The event kinds of which the log contains all events, sorted: only there does absent mean
+    "no"."""
+    begins: Literal["running"] | None = None
+    """``running``: the station was already running when the log began, so its state is unknown.
+    Absent: the log begins with the station."""
+
+    @property
+    def known(self) -> dict[str, int]:
+        """The parameters that the header states."""
+        return self.parameters.model_dump(exclude_none=True)
+
+    @property
+    def t_resend(self) -> int:
+        """The parameter in ms; its default if the header lacks it."""
+        return self.known.get("t_resend") or DEFAULTS["t_resend"]
+
+    @property
+    def longest_delay(self) -> int:
+        """D in ms. By default a timer may be late by as much."""
+        return longest_delay({"t_resend": self.t_resend})
+
+    @property
+    def unobserved(self) -> list[str]:
+        """The event kinds of which the log may lack events."""
+        return sorted({*get_args(EventKind)} - {*self.complete})
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_version(cls, data: Any) -> Any:
+        found = data.get("schema", SCHEMA) if isinstance(data, dict) else SCHEMA
+        if found != SCHEMA:
+            raise fault("schema", f"must be {SCHEMA!r}; the version {found!r} is not supported")
+        return data
+
+
+class MessageKey(Part):
+    """Names the message that a resend or giveup timer belongs to."""
+
+    type: Name
+    to: StationId | None = None
+    """Absent for a broadcast."""
+    session: Annotated[tuple[StationId, Natural], Array]
+    """The prescriber's station id and the number of the session."""
+    seq: Natural
+
+
+class MessageTimer(Part):
+    """A timer of one message in the outbox."""
+
+    name: Literal["giveup", "resend"]
+    message: MessageKey | None = None
+
+
+class ForgetTimer(Part):
+    """The timer after which the station may forget the sessions of a prescriber."""
+
+    name: Literal["forget"]
+    station: StationId | None = None
+
+
+class PlainTimer(Part):
+    """A timer that exists once per station."""
+
+    name: Literal["advertise", "answer", "backoff", "cam", "decide", "hold", "lease", "quarantine"]
+
+
+Timer = Annotated[MessageTimer | ForgetTimer | PlainTimer, Field(discriminator="name")]
+
+
+def _with_its_names(schema: dict[str, Any]) -> None:
+    number = {"type": "integer"}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    schema["properties"] |= {"session": pair, "proposal": number, "target": number}
+
+
+class Command(Part):
+    """A command of the application; its own fields stand beside the name."""
+
+    model_config = ConfigDict(extra="allow", json_schema_extra=_with_its_names)
+
+    __pydantic_extra__: dict[str, Value]
+    name: Literal[application.names(application.Command)]  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _names_what_it_means(self) -> Self:
+        given = self.model_extra or {}
+        session = given.get("session", [0, 0])
+        if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
+            raise fault("session", "must be a station id and a number, such as [1001, 1]")
+        for name in ("proposal", "target"):
+            if type(given.get(name, 0)) is not int:
+                raise fault(name, not_an_integer(given[name], name))
+        return self
+
+
+class Indication(Part):
+    """An indication to the application; its own fields stand beside the name."""
+
+    model_config = ConfigDict(extra="allow")
+
+    __pydantic_extra__: dict[str, Value]
+    name: Name
+
+
+class EventBase(Part):
+    """The fields of every event."""
+
+    rec: Literal["event"]
+    seq: Positive
+    """1 for the first event, then increasing by one; the only order of events within a station."""
+    t_ms: Natural
+    """The time of the station's monotonic clock in milliseconds; never decreases."""
+    rule: Name | None = None
+    """The id of the deciding rule, according to the implementation: a hint that is never
+    trusted."""
+    phase: Name | None = None
+    """The station's phase after the step."""
+    role: Name | None = None
+    """The station's role after the step."""
+    late_ms: Positive | None = None
+    """The delay of the station in this step, in milliseconds of its own clock, because its process
+    was stopped or starved. A hint that is never trusted."""
+
+
+class Receive(EventBase):
+    """A message was received, or bytes that are not a message."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [{"required": ["message"]}, {"required": ["raw"]}],
+            "dependentRequired": {"rejected": ["raw"]},
+        }
+    )
+
+    ev: Literal["receive"]
+    tx: Transmission | None = None
+    """``<station>:<counter>``, unique per transmission; all its receivers log the same value.
+    Absent if the link does not provide it."""
+    message: Message | None = None
+    raw: Base64 | None = None
+    """The received bytes, if they are not a message or are rejected."""
+    rejected: Name | None = None
+    """Why a secured link discarded the bytes, such as ``stale``: the station did not receive
+    them."""
+    planned: dict[str, Value] | None = None
+    """The planned trajectory of the application, if the Advertisement concerns it."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.message is None) == (self.raw is None):
+            raise fault("message", "exactly one of 'message' and 'raw' must be present")
+        if self.rejected is not None and self.raw is None:
+            raise fault("rejected", "allowed only with 'raw'")
+        type_ = None if self.message is None else self.message["type"]
+        if self.planned is not None and type_ != "Advertisement":
+            raise fault("planned", "allowed only with an Advertisement")
+        return self
+
+
+class Send(EventBase):
+    """A message was passed to the link."""
+
+    ev: Literal["send"]
+    tx: Transmission
+    """``<station>:<counter>``, new for each transmission, including retransmissions."""
+    message: Message
+
+
+class TimerArm(EventBase):
+    """A timer was armed or re-armed."""
+
+    ev: Literal["timer"]
+    op: Literal["arm"]
+    timer: Timer
+    deadline: Deadline
+    """The time of its expiry, on the clock of `t_ms`."""
+
+
+class TimerEnd(EventBase):
+    """A timer was stopped or expired."""
+
+    ev: Literal["timer"]
+    op: Literal["stop", "expire"]
+    timer: Timer
+
+
+class ApplicationCommand(EventBase):
+    """The application gave a command."""
+
+    ev: Literal["command"]
+    command: Command
+
+
+class ApplicationIndication(EventBase):
+    """The station gave its application an indication."""
+
+    ev: Literal["indication"]
+    indication: Indication
+
+
+class Restart(EventBase):
+    """The station restarted without memory of its sessions."""
+
+    ev: Literal["restart"]
+
+
+class End(Part):
+    """The last line; no line may follow."""
+
+    rec: Literal["end"]
+    seq: Natural
+    """`seq` of the last event, 0 if there is none."""
+    reason: Name
+    """The reason for the end of the log; LogWriter writes ``clean`` or ``crash``."""
+    lost_records: Natural
+    """The number of events that the implementation failed to log."""
+
+
+TimerEvent = Annotated[TimerArm | TimerEnd, Field(discriminator="op")]
+Event = Receive | Send | TimerArm | TimerEnd | ApplicationCommand | ApplicationIndication | Restart
+_TaggedEvent = Annotated[
+    Receive | Send | TimerEvent | ApplicationCommand | ApplicationIndication | Restart,
+    Field(discriminator="ev"),
+]
+Record = Header | Event | End
+
+RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
+    Annotated[Header | _TaggedEvent | End, Field(discriminator="rec")]
+)
+"""Validates one line; ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
+
+
+def _without_checks(schema: Any) -> Any:
+    """RECORD's schema for lines without nulls and vendor fields."""
+    if isinstance(schema, list):
+        return [_without_checks(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    check = schema["function"]["function"] if schema.get("type") == "function-before" else None
+    if getattr(check, "__name__", "") == "_without_vendor_fields":
+        return _without_checks(schema["schema"])
+    return {key: _without_checks(item) for key, item in schema.items()}
+
+
+_QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
+"""Not prebuilt, because a prebuilt validator would include the checks of the classes."""
+
+
+def record(line: bytes) -> Record:
+    """One line, validated as by RECORD, in about half the time: only lines that may contain nulls
+    or vendor fields, and lines that are rejected, are checked for these."""
+    if b"null" not in line:
+        try:
+            found: Record = _QUICK.validate_json(line)
+        except ValidationError:
+            return RECORD.validate_json(line)
+        match found:  # these two keep all fields, but must not keep vendor fields
+            case ApplicationCommand(command=free) | ApplicationIndication(indication=free):
+                if any(key.startswith("x_") for key in free.model_extra or {}):
+                    return RECORD.validate_json(line)
+        return found
+    return RECORD.validate_json(line)
+
+
+class UnknownEvent(EventBase):
+    """An event of a kind that this version does not know; its other fields are ignored."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    ev: str
+
+
+def unknown_event(error: ValidationError) -> bool:
+    """Whether a line was rejected only because its kind of event is unknown."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    return first["type"] == "union_tag_invalid" and first["loc"] == ("event",)
+
+
+_VALIDATE: Final = MESSAGE.validator.validate_python
+
+
+def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
+    """The message with these fields, or the list of its malformed fields with the problem of each
+    (END-5). The addressee is not part of the form."""
+    try:
+        message: messages.Message | messages.Cam = _VALIDATE(m)
+    except ValidationError as error:
+        return problems_of(error)
+    absent = missing(message)
+    return [(name, "missing") for name in sorted(absent)] if absent else message
+
+
+def problems(m: Fields) -> list[tuple[str, str]]:
+    """All problems of a malformed message (``typed``); empty for a well-formed one."""
+    found = typed(m)
+    if not isinstance(found, list):
+        return []
+    absent = [(name, "missing") for name in required(m) if name not in m]
+    return [*found, *(one for one in absent if one not in found)]

@@ -1,0 +1,415 @@
+"""Reads logs, and describes in one line why a log cannot be read."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from pydantic import ValidationError
+
+from automcm_spec.log_format.log import (
+    End,
+    Event,
+    Header,
+    Record,
+    UnknownEvent,
+    record,
+    unknown_event,
+)
+from automcm_spec.log_format.problems import first_problem
+from automcm_spec.support.bad_input import BadInput, name_of, one_line
+
+LONGEST_LINE = 16 * 2**20
+"""The maximum number of bytes in a line; longer lines are rejected without reading them into
+memory."""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A problem in a log that does not prevent reading it.
+
+    After a ``gap`` (missing records) no verdict is possible. ``begins_late``: records are missing
+    before the first event.
+    """
+
+    kind: Literal["begins_late", "gap", "no_end", "truncated", "unknown_event"]
+    problem: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A record or a notice, and its line number (from 1)."""
+
+    line: int
+    record: Record | Notice
+
+
+@dataclass(frozen=True)
+class Log:
+    """A complete log."""
+
+    file: str
+    header: Header
+    events: list[tuple[int, Event]]
+    """The events, each with its line number."""
+    end: End | None
+    truncated: bool
+    """Whether the last line was incomplete; it is not in `events`."""
+    warnings: list[str]
+    """One line each: the file, the line and the problem."""
+    begins_late: bool = False
+    """Whether the first event was not the first of the station's log."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is an end record; without one, events may be missing at the end."""
+        return self.end is not None
+
+    @property
+    def mid_session(self) -> bool:
+        """Whether the state of the station is unknown when the log begins."""
+        return self.begins_late or self.header.begins is not None
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        return iter(self.events)
+
+
+def read(path: str | Path) -> Log:
+    """Read the log at `path`. Raises BadInput."""
+    header: Header | None = None
+    events: list[tuple[int, Event]] = []
+    end: End | None = None
+    truncated = False
+    warnings = []
+    for entry in records(path):
+        match entry.record:
+            case Notice(kind, problem):
+                truncated = truncated or kind == "truncated"
+                warnings.append(one_line(f"{name_of(path)}:{entry.line}: {problem}"))
+            case Header() as header:
+                pass
+            case End() as end:
+                pass
+            case event:
+                events.append((entry.line, event))
+    assert header is not None, "records() yields the header first"
+    return Log(name_of(path), header, events, end, truncated, warnings)
+
+
+class Lines(Protocol):
+    """A source of lines, such as a binary stream."""
+
+    def readline(self, limit: int, /) -> bytes:
+        """The next line, or its first ``limit`` bytes; empty if there is none."""
+
+
+class GrowingLog:
+    """The entries of a log while it is written, as ``records`` yields them.
+
+    Iteration stops where ``lines`` has no further line, and can go on from there later.
+    """
+
+    def __init__(self, path: str | Path, lines: Lines) -> None:
+        self._lines = lines
+        self._reader = _Reader(path, gaps=True)
+        self._entries: Iterator[Entry] = iter(())
+
+    def __iter__(self) -> Iterator[Entry]:
+        return self
+
+    def __next__(self) -> Entry:
+        for entry in self._entries:
+            return entry
+        self._entries = self._reader.lines(self._lines)
+        return next(self._entries)
+
+    def finish(self) -> None:
+        """Take the rest of the lines as the end of the log."""
+        self._entries = self._reader.entries(self._lines)
+
+
+def header_of(path: str | Path) -> Header:
+    """The header of a log. Raises BadInput."""
+    first = next(records(path)).record
+    assert isinstance(first, Header), "records() yields the header first"
+    return first
+
+
+def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
+    """Read the log at `path` line by line: header, events, end, and notices in between.
+
+    Raises BadInput at the first line that is wrong, after yielding the lines before it. With
+    `gaps`, a jump of `seq` is a notice before the next record instead of an error.
+    """
+    try:
+        with open(path, "rb") as stream:
+            yield from _Reader(path, gaps).entries(stream)
+    except FileNotFoundError:
+        raise BadInput(path, 0, "", "no such file") from None
+    except IsADirectoryError:
+        raise BadInput(path, 0, "", "is a directory; name a log file") from None
+    except OSError as error:
+        raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
+
+
+def logs_below(paths: Iterable[Path]) -> list[Path]:
+    """The logs that ``paths`` name. A folder stands for all ``.ndjson`` files below it, sorted by
+    name.
+
+    Raises BadInput for a folder that contains none.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
+        if not below:
+            raise BadInput(path, 0, "", "contains no log (*.ndjson)")
+        found += below
+    return found
+
+
+MOST_WARNINGS = 20
+"""The maximum number of warnings that a stream keeps; ``LogStream.overlooked`` counts all."""
+
+
+class LogStream:
+    """A log that is read lazily, so that its length does not affect memory use.
+
+    The constructor reads the header (BadInput if that fails). Iterating, possible once, yields the
+    events with their lines. It raises BadInput at the first line that cannot be read; the events
+    before it are valid. It stops before a gap, unless `past_gaps`. The other attributes describe
+    what has been read so far, and the whole log at the end. With the `entries` of a GrowingLog, it
+    can be iterated again when there are more.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        past_gaps: bool = False,
+        entries: Iterator[Entry] | None = None,
+    ) -> None:
+        self.file = name_of(path)
+        self.end: End | None = None
+        self.truncated = False
+        """Whether the last line was incomplete."""
+        self.gap: tuple[int, str] | None = None
+        """The line after the first gap, and what is missing. From there on no verdict is
+        possible."""
+        self.warnings: list[str] = []
+        """One line each: the file, the line and the problem; only the first MOST_WARNINGS."""
+        self.begins_late = False
+        """Whether seq began above 1. What is missing there is no gap: the log was cut."""
+        self.complete = False
+        """Whether all events have been yielded, from the station's start on."""
+        self.overlooked = 0
+        """The number of warnings."""
+        self.events = 0
+        """The number of events yielded so far."""
+        self._past_gaps = past_gaps
+        self._entries = records(path, gaps=True) if entries is None else entries
+        first = next(self._entries).record
+        assert isinstance(first, Header), "records() yields the header first"
+        self.header: Header = first
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end record was read; without one, events may be missing at the end."""
+        return self.end is not None
+
+    @property
+    def mid_session(self) -> bool:
+        """Whether the state of the station is unknown when the log begins."""
+        return self.begins_late or self.header.begins is not None
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        for entry in self._entries:
+            match entry.record:
+                case Notice() as notice:
+                    self._notice(entry.line, notice)
+                    if self.gap is not None and not self._past_gaps:
+                        return
+                case End() as end:
+                    self.end = end
+                case Header():
+                    pass
+                case event:
+                    self.events += 1
+                    yield entry.line, event
+        self.complete = self.gap is None and not self.mid_session
+
+    def log(self, events: Iterable[tuple[int, Event]]) -> Log:
+        """A Log with these events, which are all or some of the events yielded."""
+        kept = list(events)
+        warnings = list(self.warnings)
+        end = self.end if self.gap is None or self._past_gaps else None
+        late = self.begins_late
+        return Log(self.file, self.header, kept, end, self.truncated, warnings, late)
+
+    def _notice(self, line: int, notice: Notice) -> None:
+        self.truncated = self.truncated or notice.kind == "truncated"
+        if notice.kind == "begins_late":
+            self.begins_late = True
+        if notice.kind == "gap" and self.gap is None:
+            self.gap = line, notice.problem
+        self.overlooked += 1
+        if self.overlooked <= MOST_WARNINGS:
+            self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
+
+
+def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
+    """One line of a log. With ``first``, it is the first line of a file that may be no log at all.
+
+    Raises NotJsonError or pydantic.ValidationError.
+    """
+    try:
+        line.decode()
+    except UnicodeDecodeError as error:
+        problem = f"not UTF-8 at byte {error.start + 1}{_known(line, first)}"
+        raise NotJsonError(problem, "text") from None
+    if not line.strip():
+        raise NotJsonError("empty line", "text")
+    try:
+        return record(line)
+    except ValidationError as error:
+        if not unknown_event(error):
+            raise _json_error(error, line, first) from None
+    try:
+        return UnknownEvent.model_validate_json(line)
+    except ValidationError as error:
+        raise _json_error(error, line, first) from None
+
+
+def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
+    _, problem = first_problem(error)
+    known = _known(line, first)
+    return NotJsonError(problem + known, "json") if problem.startswith("not JSON") else error
+
+
+_FILES = {
+    b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
+    b"\xff\xfe": "this is UTF-16",
+    b"\xfe\xff": "this is UTF-16",
+    b"\x1f\x8b": "this is a gzip file; unpack it first",
+    b"\x28\xb5\x2f\xfd": "this is a zstd file; unpack it first",
+    b"PK\x03\x04": "this is a zip file; unpack it first",
+    b"\x89PNG": "this is a PNG image",
+}
+
+
+def _known(line: bytes, first: bool) -> str:
+    """A hint about the kind of file, for users who pass the wrong one: recognised by its first
+    bytes."""
+    if line.strip() in (b"[", b"{"):
+        return " (a log has one JSON object per line)"
+    files = _FILES.items() if first else ()
+    return next((f" ({what})" for begin, what in files if line.startswith(begin)), "")
+
+
+def cut(line: bytes) -> bool:
+    """Whether an invalid last line may be incomplete because the writer was interrupted.
+
+    It lacks the line feed and either begins like an object or consists of zero bytes, which some
+    file systems leave after a crash.
+    """
+    return not line.endswith(b"\n") and (line.startswith(b"{") or not line.strip(b"\0"))
+
+
+class _Reader:
+    """The state of reading a log, and the checks across lines."""
+
+    def __init__(self, path: str | Path, gaps: bool) -> None:
+        self._path = path
+        self._gaps = gaps
+        self._line = 0
+        self._header = False
+        self._running = False
+        """Whether the header allows any seq at the beginning."""
+        self._end = False
+        self._seq = 0
+        self._t_ms = 0
+
+    def entries(self, stream: Lines) -> Iterator[Entry]:
+        """The entries of all lines, and of the end of the log."""
+        yield from self.lines(stream)
+        if self._line == 0:
+            raise BadInput(self._path, 0, "", "empty file", "order")
+        if not self._end:
+            yield Entry(self._line, Notice("no_end", "the log has no end record"))
+
+    def lines(self, stream: Lines) -> Iterator[Entry]:
+        """The entries of the next lines, up to the last that is there."""
+        while line := stream.readline(LONGEST_LINE + 1):
+            self._line += 1
+            if len(line) > LONGEST_LINE:
+                raise self._error("", f"longer than {LONGEST_LINE} bytes", "text")
+            try:
+                record = parse(line, first=self._line == 1)
+            except NotJsonError as error:
+                if not self._header or self._end or not cut(line):
+                    raise self._error("", error.problem, error.rule) from None
+                yield Entry(self._line, Notice("truncated", "the last line is incomplete, ignored"))
+                break
+            except ValidationError as error:
+                field, problem = first_problem(error)
+                if not self._header and field == "rec":
+                    problem += ": the first line must be a header of automcm.trace/1"
+                raise self._error(field, problem, "schema" if field else "json") from None
+            first = self._seq == 0 and not isinstance(record, End | Header)
+            if missing := self._check(record):
+                kind: Literal["begins_late", "gap"] = "begins_late" if first else "gap"
+                yield Entry(self._line, Notice(kind, f"seq: {missing}"))
+            if isinstance(record, UnknownEvent):
+                notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
+                yield Entry(self._line, notice)
+            else:
+                yield Entry(self._line, record)
+
+    def _check(self, record: Record | UnknownEvent) -> str:
+        """Reject a record that does not fit the previous ones; returns a description of missing
+        records."""
+        if isinstance(record, Header) == self._header:
+            problem = "a second header" if self._header else "the first line must be the header"
+            if isinstance(record, Header):
+                problem += ": a file contains one log"
+            raise self._error("rec", problem, "order")
+        if self._end:
+            raise self._error("rec", "a record after the end", "order")
+        if isinstance(record, Header):
+            self._header = True
+            self._running = record.begins is not None
+            return ""
+        if isinstance(record, End):
+            gap = self._gap(record.seq, self._seq, "but the last event has")
+            self._end = True
+            return gap
+        if self._running and self._seq == 0:
+            self._seq = record.seq - 1
+        gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
+        if record.t_ms < self._t_ms:
+            problem = f"must not decrease, from {self._t_ms} to {record.t_ms}"
+            raise self._error("t_ms", problem, "t_ms")
+        self._seq, self._t_ms = record.seq, record.t_ms
+        return gap
+
+    def _gap(self, seq: int, wanted: int, but: str) -> str:
+        if seq == wanted:
+            return ""
+        problem = f"{seq}, {but} {wanted}" if but.startswith("but") else f"{seq} {but} {wanted}"
+        if seq < wanted or not self._gaps:
+            raise self._error("seq", problem, "seq")
+        return f"{problem}: {seq - wanted} missing"
+
+    def _error(self, field: str, problem: str, rule: str) -> BadInput:
+        return BadInput(self._path, self._line, field, problem, rule)
+
+
+class NotJsonError(Exception):
+    """A line that is not JSON; the text says why, `rule` is ``text`` or ``json``."""
+
+    def __init__(self, problem: str, rule: str) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.rule = rule
