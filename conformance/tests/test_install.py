@@ -57,7 +57,8 @@ asyncio.run(station.run())
 print("decided:", follow(read("7.ndjson")).decided)
 """
 BRIDGE = """
-from automcm.bridge import remote_application, websocket_bridge
+from automcm.bridge import websocket_bridge
+from automcm_simulation.road import remote_application
 print(websocket_bridge.WebSocketBridge)
 """
 MAP = """

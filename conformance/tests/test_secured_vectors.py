@@ -30,9 +30,9 @@ from secured_maker import (
 from secured_vectors import TABLES, text
 from typer.testing import CliRunner
 
-from automcm.adapters import vector_adapter
 from automcm.security import certificates, envelope
 from automcm.security.verifier import Reason
+from automcm_cli.reference import vector_adapter
 from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.vectors import vectors
@@ -264,7 +264,7 @@ def test_the_command_says_what_is_not_supported(monkeypatch: pytest.MonkeyPatch)
 def test_without_the_extra_the_reference_does_not_support_them() -> None:
     code = (
         "import sys; sys.modules['cbor2'] = None\n"
-        "from automcm.adapters import vector_adapter\n"
+        "from automcm_cli.reference import vector_adapter\n"
         "vector_adapter.call('envelope', {})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -17,7 +17,7 @@ import shapely
 from typer.testing import CliRunner
 from vector_bugs import CASES, SUCCESS, mutated
 
-from automcm.adapters import vector_adapter
+from automcm_cli.reference import vector_adapter
 from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.vectors import vectors

@@ -10,7 +10,7 @@ import json
 import pytest
 from vector_bugs import CASES, MUTATIONS, mutated
 
-from automcm.adapters import vector_adapter
+from automcm_cli.reference import vector_adapter
 from automcm_conformance.vectors import vectors
 
 BUGS = {

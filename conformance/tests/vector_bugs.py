@@ -429,7 +429,7 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 IMPORT = re.compile(
-    r"from automcm_conformance.vectors.exact_\w+ import (\(.*?\)|[^(]*?)\n", re.DOTALL
+    r"from automcm_maintenance.exact_vectors.exact_\w+ import (\(.*?\)|[^(]*?)\n", re.DOTALL
 )
 
 

@@ -12,9 +12,9 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from automcm.bridge import access
-from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
+from automcm_simulation.road.remote_application import RemoteApplication
 
 OTHER_TOKEN = TOKEN[:-1] + "0"
 

@@ -16,13 +16,13 @@ from road_stage import said
 from automcm.applications.lane_change import LaneChange
 from automcm.applications.vehicle import Vehicle
 from automcm.bridge import rosbridge as ros
-from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.service import application
 from automcm.service.application import Choice, Heard, heard_by
 from automcm.service.service import NEIGHBOURS, McService
 from automcm_simulation.road.drive import STEP_MS, Driver, SimulatedDrive
 from automcm_simulation.road.occupancy_sweep import CamOnly
+from automcm_simulation.road.remote_application import RemoteApplication
 from automcm_simulation.road.simulation import Simulation
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from bridge_stage import BRIDGED, OTHER, PATIENCE, Recorder, World, holds
 
-from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.service.application import Application, Kinematics
+from automcm_simulation.road.remote_application import RemoteApplication
 from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.application import Abort
 

@@ -33,10 +33,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
 from automcm.bridge.bounded_socket import MAX_HALF_OPEN, MAX_OF_ADDRESS
-from automcm.bridge.remote_application import RemoteApplication
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
 from automcm.service.application import Proposal
+from automcm_simulation.road.remote_application import RemoteApplication
 from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.messages import Trajectory
 
@@ -84,8 +84,8 @@ async def test_unreachable(uri: str, problem: str) -> None:
 
 @pytest.mark.slow
 def test_without_websockets_it_says_what_to_install() -> None:
-    code = "import sys; sys.modules['websockets'] = None; import automcm.bridge.{}"
-    for module in ("websocket_bridge", "remote_application"):
+    code = "import sys; sys.modules['websockets'] = None; import {}"
+    for module in ("automcm.bridge.websocket_bridge", "automcm_simulation.road.remote_application"):
         command = [sys.executable, "-c", code.format(module)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         last = done.stderr.splitlines()[-1]

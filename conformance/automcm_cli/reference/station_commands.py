@@ -316,7 +316,7 @@ def drive(
 
     with code_3("drive", LinkError):
         from automcm.bridge.access import read_token
-        from automcm.bridge.remote_application import RemoteApplication
+        from automcm_simulation.road.remote_application import RemoteApplication
 
         token = read_token(token_file)
 

@@ -41,7 +41,7 @@ def check(
 
     Those for signed messages need the extra ``automcm[secure]``.
     """
-    from automcm.adapters import vector_adapter
+    from automcm_cli.reference import vector_adapter
     from automcm_conformance.vectors import vectors
 
     for name in kernel or []:

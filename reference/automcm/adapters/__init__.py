@@ -1,5 +1,1 @@
-"""The reference behind the kit's adapter protocol, and its mapping to the specification.
-
-For the kit, which reaches a station only through its adapter, and for ``verify``.
-Commands, evaluation and maintenance import it. Only ``spec_mapping`` uses the compiled station.
-"""
+"""The reference behind the kit's adapter protocol, by which the kit reaches a station."""

@@ -16,5 +16,5 @@ convert.
 | verify | KIN-6, the safety check of a prescription |
 | success | KIN-7, the probability that an exchange succeeds |
 
-The scenarios and the vector adapter import it; it imports messages and ``encoding``.
+The applications import it; it imports messages and ``encoding``.
 """

@@ -1,1 +1,1 @@
-"""A simulated road, its vehicles and their drives, and the demonstration over UDP."""
+"""A simulated road, its vehicles, drives and driving software, and the demonstration over UDP."""

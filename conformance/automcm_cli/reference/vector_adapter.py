@@ -141,7 +141,7 @@ def _envelope(given: Json) -> Json:
 
 def _secured() -> ModuleType:
     try:
-        from automcm.adapters import secured_vector_adapter
+        from automcm_cli.reference import secured_vector_adapter
     except MissingExtra as error:
         raise NotImplementedError(str(error)) from None
     return secured_vector_adapter
