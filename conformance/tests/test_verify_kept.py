@@ -13,6 +13,7 @@ import pytest
 from cli_stage import automcm, shown
 
 from automcm_maintenance.documents import generated_files
+from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Comparison, Coverage
@@ -153,6 +154,10 @@ def test_a_stage_is_kept_until_a_file_that_it_depends_on_changes(tmp_path: Path)
     kept = tmp_path / "kept" / "x.stage"
     kept.write_bytes(kept.read_bytes()[:-1])
     assert not result()[1] and result()[1]
+
+
+def test_what_a_stage_depends_on_is_there() -> None:
+    assert not [part for part in (*verify_.COMPARED, *verify_.WHOLE) if not (ROOT / part).exists()]
 
 
 def test_the_screen_says_which_stages_are_kept_and_what_is_left_to_full(

@@ -34,14 +34,14 @@ SEED = 7
 KEPT = ROOT / "runs" / "kept"
 """The folder of data for later runs: results of models, and durations of stages."""
 SECONDS = "seconds.json"
-CODE = ("spec/automcm_spec", "spec/tla", "spec/oracle", "pyproject.toml")
+CODE = ("spec/automcm_spec", "spec/tools", "spec/tla", "spec/oracle", "pyproject.toml")
 """What the graph of one station depends on."""
 COMPARED = (
     *CODE,
     "spec/simulation",
-    "spec/tools",
     "reference/automcm",
     "traces/automcm_traces",
+    "traces/tools",
     "conformance",
 )
 """What the comparisons depend on."""
