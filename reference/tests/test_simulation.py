@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from automcm.links.simulated_radio import Channel
 from automcm.service.service import Observer
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format import writer
 from automcm_spec.vocabulary.application import Indication
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -98,6 +100,18 @@ def test_same_seed_same_bytes(tmp_path: Path, seed: int, loss: float) -> None:
         logs.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert logs[0] == logs[1]
     assert sorted(logs[0]) == [f"{station_id}.ndjson" for station_id in STATIONS]
+
+
+def test_what_is_written_unvalidated_is_what_validation_would_write(tmp_path: Path) -> None:
+    simulation = world(1, 0.3, tmp_path)
+    service, at = simulation.services[TARGET], simulation.clock.at
+    at(3000, lambda: service.receive(b"no message"))
+    at(3001, lambda: service.rejected("stale", b"old"))
+    at(3002, service.restart)
+    simulation.run(4000)
+    for path in tmp_path.iterdir():
+        for line in path.read_bytes().splitlines(keepends=True):
+            assert writer._line(json.loads(line)) == line
 
 
 def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:

@@ -11,6 +11,9 @@ from pydantic import ValidationError
 from automcm_spec.log_format.log import RECORD, SCHEMA
 from automcm_spec.log_format.problems import first_problem, not_plain
 
+_JSON = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"))
+_LAST = ("rule", "phase", "role")
+
 
 class Sink(Protocol):
     """A destination for complete lines, such as a binary stream."""
@@ -23,7 +26,7 @@ class Sink(Protocol):
 
 
 class LogWriter:
-    """Writes the log of one station. Each line is validated and flushed at once.
+    """Writes the log of one station. Each line is flushed at once.
 
     As a context manager it writes the end record itself, with the reason ``clean``, or ``crash``
     after an exception. Fields are written in the order of the format. Fields inside messages and
@@ -44,13 +47,16 @@ class LogWriter:
         spec_hash: str | None = None,
         parameters: Mapping[str, int] | None = None,
         complete: Iterable[str] = (),
+        validated: bool = True,
     ) -> None:
         """Write the header.
 
         `target` is a path, which is overwritten, or a sink, which is not closed at the end.
         `parameters` and `complete` are the fields of the header; the order of `complete` does not
-        matter.
+        matter. If not `validated`, the fields of events are written as they are; they must have the
+        form and the order that the format demands.
         """
+        self._event_line = _line if validated else _ordered
         self._seq = 0
         self._t_ms = 0
         self._ended = False
@@ -78,7 +84,8 @@ class LogWriter:
         """
         self._refuse_if_ended()
         seq = self._seq + 1
-        line = _line({"rec": "event", "seq": seq, "t_ms": t_ms, "ev": ev, **fields})
+        first = {"rec": "event", "seq": seq, "t_ms": t_ms, "late_ms": fields.pop("late_ms", None)}
+        line = self._event_line({**first, "ev": ev, **fields})
         if t_ms < self._t_ms:
             raise ValueError(f"t_ms: must not decrease, from {self._t_ms} to {t_ms}")
         self._put(line)
@@ -124,8 +131,11 @@ def _line(fields: Mapping[str, object]) -> bytes:
         record = RECORD.validate_json(json.dumps(observed))
     except ValidationError as error:
         raise ValueError(": ".join(first_problem(error))) from None
-    ordered = record.model_dump(by_alias=True, exclude_none=True)
-    for last in ("rule", "phase", "role"):
-        if last in ordered:
-            ordered[last] = ordered.pop(last)
-    return json.dumps(ordered, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+    return _ordered(record.model_dump(by_alias=True, exclude_none=True))
+
+
+def _ordered(fields: Mapping[str, object]) -> bytes:
+    """The observed fields of a record as a canonical line."""
+    names = [*(name for name in fields if name not in _LAST), *_LAST]
+    observed = {name: fields[name] for name in names if fields.get(name) is not None}
+    return _JSON.encode(observed).encode() + b"\n"
