@@ -11,10 +11,10 @@ import pytest
 from cli_stage import automcm, shown
 
 from automcm_cli.spec import model_output
-from automcm_conformance.vectors import vectors
 from automcm_maintenance.compilation import compiler
 from automcm_maintenance.compilation.sany import Refused
 from automcm_maintenance.documents import generated_files
+from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Comparison, Coverage, Divergence
 from automcm_spec.graph import oracle, oracle_generation
@@ -230,7 +230,7 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     texts |= {ROOT / "docs" / "nowhere.md": lambda: "text"}
     monkeypatch.setattr(generated_files, "_texts", lambda one_peer: texts)
     monkeypatch.setattr(generated_files, "_corpus", of_another_version)
-    monkeypatch.setattr(vectors, "texts", raises)
+    monkeypatch.setattr(vector_texts, "texts", raises)
     monkeypatch.setattr(generated_files, "_counterexamples", raises)
     monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
     cannot = "cannot be generated now: KeyError: 'PRE-6'"

@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 from cli_stage import automcm
 from first_hour import python_station
+from page_texts import TEXTS
 from typer.main import get_command
 
 from automcm_cli.main import app
 from automcm_evaluation.sweeps.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 LINE = re.compile(r"(?: {4,}|)(?:- run: )?(?:\.venv/bin/)?((?:automcm|make) (?!--).*)")
 PAIR = ROOT / "traces" / "corpus" / "pair"
 
@@ -224,9 +224,9 @@ TABLE: dict[str, Way] = {
 def commands() -> dict[str, str]:
     """Every command of the pages, and the first page that has it."""
     found: dict[str, str] = {}
-    for path in PAGES:
+    for path, page in TEXTS.items():
         fenced = False
-        for line in path.read_text(encoding="utf-8").splitlines():
+        for line in page.splitlines():
             if line.lstrip().startswith("```"):
                 fenced = not fenced
             elif (fenced or line.startswith("    ")) and (match := LINE.fullmatch(line)):

@@ -12,6 +12,7 @@ import pytest
 from merged_runs import records, simulated
 from page_rows import CORPUS, DELIVERED, FORGED, FOUR, LOST, Json, events, fives
 
+from automcm_cli.trace import trace_html
 from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import explain_file, explain_files
@@ -94,9 +95,9 @@ def test_as_many_events_as_are_allowed_are_shown_and_no_more(
 
 
 def test_the_bound_is_the_one_that_is_told() -> None:
-    root = Path(__file__).parents[2]
-    for page in ("docs/trace-format.md", "docs/cli.md"):
-        assert f"{MOST_EVENTS:,} events" in " ".join((root / page).read_text().split())
+    page = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
+    for text in (page, str(trace_html.html.__doc__)):
+        assert f"{MOST_EVENTS:,} events" in " ".join(text.split())
 
 
 def test_as_many_bytes_as_are_allowed_are_shown_and_no_more(

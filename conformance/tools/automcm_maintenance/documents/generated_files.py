@@ -12,14 +12,11 @@ from automcm_conformance.adapter import adapter_schema
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.suite import two_peer_pairs
 from automcm_maintenance.compilation import compiler
-from automcm_maintenance.corpus import corpus, corpus_page
+from automcm_maintenance.corpus import corpus
 from automcm_maintenance.documents import (
     attacker_table,
-    citations,
-    cli_page,
     independence_tables,
     matrix_page,
-    models_page,
     state_diagrams,
 )
 from automcm_maintenance.documents.repository import ROOT
@@ -33,15 +30,11 @@ from automcm_spec.vocabulary import json_schema
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
 CORPUS_ROOT = ROOT / "traces" / "corpus"
 CORPUS = CORPUS_ROOT / "four-vehicles"
-CORPUS_PAGE = ROOT / "docs" / "corpus.md"
 SCHEMA = ROOT / "spec" / "automcm_spec" / "log_format" / "trace-1.schema.json"
 ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
-CLI_PAGE = ROOT / "docs" / "cli.md"
-MODELS_PAGE = ROOT / "docs" / "models.md"
 SECURITY = ROOT / "docs" / "security.md"
 VERIFICATION = ROOT / "docs" / "verification.md"
 MUTATION = ROOT / "docs" / "mutation.md"
-CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
@@ -127,8 +120,7 @@ def _corpus() -> dict[Path, bytes]:
             for path in sorted(folder.iterdir()):
                 runs[f"{name}/{path.name}"] = path.read_bytes()
     files = corpus.rest(CORPUS_ROOT, runs)
-    found = {CORPUS_ROOT / name: data for name, data in files.items()}
-    return found | {CORPUS_PAGE: corpus_page.page(CORPUS_ROOT, files["index.json"]).encode()}
+    return {CORPUS_ROOT / name: data for name, data in files.items()}
 
 
 def _corpus_of_tlc(notify: Callable[[str], None]) -> dict[Path, bytes]:
@@ -169,14 +161,8 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
     from automcm.core import phases
     from automcm_evaluation.bandwidth import message_sizes as sizes
     from automcm_evaluation.sweeps import report
-    from automcm_evaluation.sweeps.catalogue import NAMES
 
-    results = EVALUATION.with_suffix("")
-    details: dict[Path, Callable[[], str]] = {
-        results / name / report.PAGE: partial(_details, results / name / report.RESULTS)
-        for name in NAMES
-    }
-    return details | {
+    return {
         compiler.PATH: compiler.text,
         SCHEMA: lambda: json_schema.text(log_schema.schema()),
         ADAPTER_SCHEMA: lambda: json_schema.text(adapter_schema.schema()),
@@ -184,24 +170,15 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
         MESSAGES_PAGE: lambda: between(
             MESSAGES_PAGE.read_text(), "automcm_evaluation.bandwidth.message_sizes", sizes.table()
         ),
-        CITATIONS: lambda: citations.table(ROOT),
-        CLI_PAGE: cli_page.text,
-        MODELS_PAGE: lambda: models_page.models_page(models.load()),
         SECURITY: lambda: between(
             SECURITY.read_text(), "attackers", attacker_table.table(models.load())
         ),
         VERIFICATION: _verification,
         MUTATION: lambda: between(MUTATION.read_text(), "matrix", matrix_page.page_part()),
         PICTURE: picture,
-        EVALUATION: lambda: report.evaluation(results),
+        EVALUATION: lambda: report.evaluation(EVALUATION.with_suffix("")),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
     }
-
-
-def _details(results: Path) -> str:
-    from automcm_evaluation.sweeps import report
-
-    return report.page(report.load(results))
 
 
 def _verification() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from automcm_maintenance.corpus.corpus import COVERAGE, WALKED, Entry
+from automcm_maintenance.corpus.corpus import COVERAGE, WALKED, Entry, index
 from automcm_spec.model_checking import models
 
 VERDICTS = {
@@ -15,8 +15,6 @@ VERDICTS = {
     "cannot_tell": "cannot tell",
 }
 HEAD = """# The corpus
-
-Generated from `traces/corpus/index.json` by `make generate`.
 
 `traces/corpus/` holds {logs} logs in the format `automcm.trace/1`, each with its right verdict,
 line and rule. `index.json` lists one object for each log: `file`, `story`, `verdict`, `line`
@@ -81,9 +79,9 @@ RUNS = """
 """
 
 
-def page(corpus: Path, index: bytes) -> str:
-    """The page, with the counts of the walks from the corpus on disk."""
-    entries = [Entry(**item) for item in json.loads(index)]
+def page(corpus: Path) -> str:
+    """The page of the corpus on disk."""
+    entries = index(corpus)
     by_kind: dict[str, list[Entry]] = {}
     for entry in entries:
         by_kind.setdefault(entry.file.split("/")[0], []).append(entry)
