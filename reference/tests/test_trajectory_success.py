@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_trajectory_cases import BAD, numbers, raises
 
-from automcm.kernels import success
+from automcm_simulation.radio import success
 from automcm_spec.vocabulary.parameters import Parameters
 
 losses = st.floats(0, 1)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from automcm.kernels import success
 from automcm.kernels.collide import Approach, Collision, closest_approach, collision
 from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
@@ -17,6 +16,7 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
 from automcm.kernels.verify import Limits, verify
 from automcm.links.clock_bounds import bounds, in_step
+from automcm_simulation.radio import success
 from automcm_spec.support.extras import MissingExtra
 
 Json = Any

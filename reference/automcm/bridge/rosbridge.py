@@ -419,18 +419,11 @@ def of_command(command: commands.Command) -> Input:
                 hold_ms=command.hold_ms,
                 lease_ms=command.lease_ms,
             )
-        case commands.Accept():
-            return Accept(session=to_session(command.session), proposal=command.proposal)
-        case commands.Refuse():
-            return Refuse(session=to_session(command.session), proposal=command.proposal)
-        case commands.Close():
-            return Close(session=to_session(command.session))
-        case commands.Proceed():
-            return Proceed(session=to_session(command.session))
-        case commands.Complete():
-            return Complete(session=to_session(command.session))
-        case commands.Abort():
-            return Abort(session=to_session(command.session))
+        case _:
+            fields: dict[str, Any] = {"session": to_session(command.session)}
+            if isinstance(command, commands.Accept | commands.Refuse):
+                fields["proposal"] = command.proposal
+            return read(_BY_NAME[command.name], fields)
 
 
 Input = (
@@ -438,6 +431,9 @@ Input = (
 )
 Output = State | Surroundings | Drive | Choice | Proposal | Advertised | Refused
 INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
+_BY_NAME: dict[str, type[Close | Proceed | Accept | Refuse | Complete | Abort]] = {
+    c.__name__.lower(): c for c in (Close, Proceed, Accept, Refuse, Complete, Abort)
+}
 OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}
 
 # -- the envelope

@@ -14,7 +14,6 @@ convert.
 | discover | KIN-4, the target vehicle |
 | prescribe | KIN-5, the prescribed trajectory |
 | verify | KIN-6, the safety check of a prescription |
-| success | KIN-7, the probability that an exchange succeeds |
 
 The applications import it; it imports messages and ``encoding``.
 """

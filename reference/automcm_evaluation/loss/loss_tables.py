@@ -7,10 +7,10 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from automcm.kernels import success
 from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen, graded
 from automcm_evaluation.framework.intervals import mean, wilson
 from automcm_evaluation.loss.loss_sessions import BIN_MS
+from automcm_simulation.radio import success
 from automcm_spec.vocabulary.parameters import Parameters
 
 T_TIMEOUTS = (0, 1000, 2000)

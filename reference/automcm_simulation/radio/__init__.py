@@ -1,1 +1,3 @@
-"""Radios in virtual time: tables and ns-3 behind one interface, and a relay for UDP."""
+"""Radios in virtual time: tables and ns-3 behind one interface, a relay for UDP, and how often
+a session succeeds.
+"""

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from automcm.kernels import success
 from automcm.kernels.collide import (
     closest_approach,
     closest_approach_many,
@@ -33,6 +32,7 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory
 from automcm.kernels.verify import Limits, verify
 from automcm_maintenance.benches.core_bench import best_us
+from automcm_simulation.radio import success
 
 POINTS = (50, 100, 500, 1000, 10_000)
 PAIRS = (1, 256, 4096)

@@ -22,8 +22,7 @@ COLUMNS = (
     "test",
 )
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|I|L|R|T)-\d\b")
-CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
-"""The packages that implement rules; experiments only measure them."""
+_CODE = ("reference/automcm/**/*.py", "reference/automcm_simulation/radio/success.py")
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
 _CASE = re.compile(r'^id = "(.+)"$', re.MULTILINE)
 _MODEL = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
@@ -55,7 +54,7 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
     makers: dict[str, Callable[[Path], Iterable[tuple[str, str, str]]]] = {
         "specification": _operators,
         "must fail": _must_fail,
-        "code": lambda root: [row for row in _files(root, CODE) if EXPERIMENTS not in row[2]],
+        "code": lambda root: _files(root, _CODE),
         "case": _cases,
         "log tools": lambda root: [*_compiled(root), *_files(root, _LOG_TOOLS)],
         "vector": _vectors,
