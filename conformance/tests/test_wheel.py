@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = (
-    *("automcm_spec", "automcm", "automcm_evaluation", "automcm_traces"),
+    *("automcm_spec", "automcm", "automcm_simulation", "automcm_traces"),
     *("automcm_conformance", "automcm_cli"),
 )
 # No file .pth is read with -S, so that nothing leads back to the repository.
@@ -31,7 +31,7 @@ main()
 NEED_REPOSITORY = (
     *("verify", "generate", "bench", "spec bench", "spec pages", "spec mutate"),
     "spec prove",
-    "conform certify",
+    *("conform certify", "experiment", "simulate traffic-sweep"),
 )
 
 
@@ -70,7 +70,9 @@ def _run(wheel: Path, *command: str) -> subprocess.CompletedProcess[str]:
 def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) -> None:
     lib = wheel / "lib"
     ours = {path.name for path in lib.glob("automcm*") if path.suffix != ".dist-info"}
-    assert ours == set(PACKAGES)
+    assert ours == set(PACKAGES)  # so neither the evaluation nor tools
+    assert all((lib / package / "py.typed").exists() for package in PACKAGES)
+    assert [path for path in lib.rglob("*") if path.name in ("tests", "tools")] == []
     target = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     for source, inside in (target["sources"] | target["force-include"]).items():
         top = ROOT / source
@@ -118,5 +120,5 @@ def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
 
 def test_the_extra_all_is_all_extras_that_are_not_for_developers() -> None:
     extras = PROJECT["project"]["optional-dependencies"]
-    others = sorted(set(extras) - {"all", "dev", "docs", "mutate", "prove"})
+    others = sorted(set(extras) - {"all", "dask", "dev", "docs", "mutate", "prove"})
     assert extras["all"] == [f"automcm[{','.join(others)}]"]
