@@ -185,7 +185,8 @@ def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert f"Problem     {wanted[-1].id} survived" in answer.output
     answer = CliRunner().invoke(app, ["spec", "mutate", "--limit", "3", "--json", "-"])
     assert json.loads(answer.output)["properties"]["S-1"] == 2
-    monkeypatch.setattr(mutate_commands, "PAGE", tmp_path / "mutation.md")
+    monkeypatch.setattr(mutate_commands, "RESULTS", tmp_path / "results.json")
     assert CliRunner().invoke(app, ["spec", "mutate", "--write"]).exit_code == 1
-    page = (tmp_path / "mutation.md").read_text()
-    assert "<!-- end: matrix -->" in page and "## Survivors" in page
+    page = mutate_commands.markdown(json.loads((tmp_path / "results.json").read_text()))
+    assert f"- `{mutants.sample(mutants.generate(), 260)[-1].id}` (" in page
+    assert "### Mutants that no property kills" in page

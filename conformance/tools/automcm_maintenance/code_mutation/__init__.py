@@ -1,5 +1,5 @@
 """Mutants of the reference and of the C++ station, to test the suite.
 
-For ``conform certify`` and docs/certificate.md.
+For ``conform certify`` and conformance/certificate.json.
 Only maintenance imports it.
 """

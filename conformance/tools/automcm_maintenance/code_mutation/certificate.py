@@ -94,6 +94,13 @@ class Row:
         """The row for the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
 
+    @classmethod
+    def of(cls, row: dict[str, Any]) -> Row:
+        """The row of ``as_dict``."""
+        given = {"class_" if k == "class" else k: v for k, v in row.items()}
+        found = given.pop("difference")
+        return cls(**given, difference=Difference(**found) if found else None)
+
 
 @dataclass
 class Certificate:

@@ -1,17 +1,18 @@
-"""The certificate in words: on the screen, and as the page docs/certificate.md."""
+"""The certificate in words: on the screen, and as a page of the site."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
-from typing import get_args
+from typing import Any, get_args
 
 from automcm_maintenance.code_mutation.certificate import Certificate, Row, Verdict
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.support import files
 from automcm_spec.support import markdown as markdown_
 
-PAGE = ROOT / "docs" / "certificate.md"
+RESULTS = ROOT / "conformance" / "certificate.json"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 MEANING = {
     "table": "a row of a table of rules or phases is dropped, changed or moved",
@@ -29,7 +30,7 @@ LONGEST = 110
 def summary(found: Certificate) -> str:
     """The text for the screen: counts, and the mutants that were not killed."""
     lines = [_counted("all", found.rows)]
-    lines = [_counted(name, rows) for name, rows in _by_class(found)] + lines
+    lines = [_counted(name, rows) for name, rows in _by_class(found.rows)] + lines
     for row in found.rows:
         if row.verdict in ("survived", "undecided"):
             lines += ["", *survivor(row)]
@@ -62,41 +63,42 @@ def _counted(name: str, rows: Sequence[Row]) -> str:
     return f"{name:>8} {len(rows):>4}: {counted}"
 
 
-def _by_class(found: Certificate) -> list[tuple[str, list[Row]]]:
-    of = {name: [row for row in found.rows if row.class_ == name] for name in MEANING}
-    return [(name, rows) for name, rows in of.items() if rows]
+def _by_class(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+    of = {name: [row for row in rows if row.class_ == name] for name in MEANING}
+    return [(name, found) for name, found in of.items() if found]
 
 
 def write(found: Certificate) -> None:
-    """Write the page, if the certificate is complete."""
+    """Write the results that the page is built from, if the certificate is complete."""
     if found.complete:
-        files.write(PAGE, markdown(found))
+        text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False)
+        files.write(RESULTS, f"{text}\n")
 
 
-def markdown(found: Certificate) -> str:
-    """The page."""
-    classes = _by_class(found)
+def markdown(found: dict[str, Any]) -> str:
+    """The page of ``Certificate.as_dict()``."""
+    made = [Row.of(row) for row in found["mutants"]]
+    classes = _by_class(made)
     counts = [_counts(name, of, MEANING[name]) for name, of in classes]
-    groups = sorted({case.split("/")[2] for row in found.rows for case in row.cases})
+    groups = sorted({case.split("/")[2] for row in made for case in row.cases})
     rows: list[list[object]] = []
     for name, of in classes:
         hit = Counter(group for row in of for group in {case.split("/")[2] for case in row.cases})
         rows.append([name, len(of), *(hit[group] or "" for group in groups)])
     mutants = [
-        [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)]
-        for row in found.rows
+        [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)] for row in made
     ]
     heads = ["mutant", "line", "rule", "change", "killed by"]
     return markdown_.page(
         PAGES / "certificate.md.j2",
         found=found,
-        cpp=sum(row.station == "cpp" for row in found.rows),
-        many="one failed case" if found.asked.cases == 1 else f"{found.asked.cases} failed cases",
+        cpp=sum(row.station == "cpp" for row in made),
+        many="one failed case" if found["cases"] == 1 else f"{found['cases']} failed cases",
         counts=markdown_table(
-            ["class", "mutants", *VERDICTS, "fault"], [*counts, _counts("all", found.rows, "")]
+            ["class", "mutants", *VERDICTS, "fault"], [*counts, _counts("all", made, "")]
         ),
         matrix=markdown_table(["class", "mutants", *groups], rows),
-        survivors=[row for row in found.rows if row.verdict in ("survived", "undecided")],
+        survivors=[row for row in made if row.verdict in ("survived", "undecided")],
         survivor=survivor,
         mutants=markdown_table(heads, mutants, heads[2:]),
     )

@@ -52,7 +52,10 @@ def certify(
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
-    page: Annotated[bool, typer.Option(help="Write docs/certificate.md, too.")] = False,
+    page: Annotated[
+        bool,
+        typer.Option(help="Write conformance/certificate.json, for the site."),
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Measure the suite on mutants of stations.

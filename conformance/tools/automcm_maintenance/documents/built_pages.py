@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from automcm_maintenance.documents.repository import ROOT
 
@@ -15,8 +17,10 @@ def pages() -> dict[str, Callable[[], str]]:
     """Each page by its name below docs/."""
     from automcm_evaluation.sweeps import report
     from automcm_evaluation.sweeps.catalogue import NAMES
+    from automcm_maintenance.code_mutation import certificate_page
     from automcm_maintenance.corpus import corpus_page
     from automcm_maintenance.documents import citations, cli_page, models_page
+    from automcm_maintenance.spec_mutation import mutate_commands
     from automcm_spec.model_checking import models
 
     details = {
@@ -24,12 +28,19 @@ def pages() -> dict[str, Callable[[], str]]:
         for name in NAMES
     }
     return {
+        "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         "cli.md": cli_page.text,
         "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
         "models.md": lambda: models_page.models_page(models.load()),
+        "mutation.md": lambda: mutate_commands.markdown(_json(mutate_commands.RESULTS)),
         "rule-coverage.md": lambda: citations.table(ROOT),
         **details,
     }
+
+
+def _json(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 def _details(results: Path) -> str:

@@ -16,7 +16,6 @@ from automcm_maintenance.corpus import corpus
 from automcm_maintenance.documents import (
     attacker_table,
     independence_tables,
-    matrix_page,
     state_diagrams,
 )
 from automcm_maintenance.documents.repository import ROOT
@@ -34,7 +33,6 @@ SCHEMA = ROOT / "spec" / "automcm_spec" / "log_format" / "trace-1.schema.json"
 ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
 SECURITY = ROOT / "docs" / "security.md"
 VERIFICATION = ROOT / "docs" / "verification.md"
-MUTATION = ROOT / "docs" / "mutation.md"
 MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
@@ -174,7 +172,6 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
             SECURITY.read_text(), "attackers", attacker_table.table(models.load())
         ),
         VERIFICATION: _verification,
-        MUTATION: lambda: between(MUTATION.read_text(), "matrix", matrix_page.page_part()),
         PICTURE: picture,
         EVALUATION: lambda: report.evaluation(EVALUATION.with_suffix("")),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),

@@ -1,4 +1,4 @@
-"""The part of docs/mutation.md on the matrix of mutants and properties, from committed files."""
+"""The matrix of mutants and properties on the page of mutation, from committed files."""
 
 from __future__ import annotations
 

@@ -11,12 +11,12 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from automcm_maintenance.documents import generated_files, matrix_page
+from automcm_maintenance.documents import matrix_page
 from automcm_maintenance.documents.matrix_page import Entry, Head
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.spec_mutation import matrix
 from automcm_maintenance.spec_mutation.mutants import generate, sample
-from automcm_maintenance.spec_mutation.mutate_commands import PAGE, Usage
+from automcm_maintenance.spec_mutation.mutate_commands import Usage
 from automcm_spec.model_checking import models
 from automcm_spec.support import files
 
@@ -110,8 +110,6 @@ def show(report: Report, console: Console) -> None:
 
 
 def write(report: Report) -> None:
-    """Write the matrix of a complete report, and its part of the page."""
+    """Write the matrix of a complete report, from which the page is built."""
     if report.complete:
         files.write(matrix_page.MATRIX, matrix_page.text(report.head, report.entries))
-        page = PAGE.read_text(encoding="utf-8")
-        files.write(PAGE, generated_files.between(page, "matrix", matrix_page.page_part()))

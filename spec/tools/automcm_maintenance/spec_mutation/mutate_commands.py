@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ from automcm_spec.support import markdown as markdown_
 from automcm_spec.support.paths import TLA
 
 CACHE = ROOT / "runs" / "mutation.jsonl"
-PAGE = ROOT / "docs" / "mutation.md"
+RESULTS = ROOT / "spec" / "mutation" / "results.json"
 PROFILES: tuple[str, ...] = get_args(Profile)
 _RECORDS = "counts"
 
@@ -181,6 +182,18 @@ def as_dict(report: Report) -> dict[str, Any]:
     }
 
 
+def results(report: Report) -> dict[str, Any]:
+    """What the page shows of a report."""
+    whole = as_dict(report)
+    alive = [o.mutant for o in report.outcomes if o.survived]
+    shown = ("profile", "kinds", "kill_rate", "kill_rate_without_records")
+    return {name: whole[name] for name in shown} | {
+        "survivors": [
+            {"id": m.id, "module": m.module, "line": m.line, "change": m.change} for m in alive
+        ]
+    }
+
+
 def show(report: Report, console: Console) -> None:
     """Print the tables, the survivors and the problems."""
     table = Table(title="Mutants: how they were killed", title_justify="left", box=None)
@@ -193,7 +206,7 @@ def show(report: Report, console: Console) -> None:
     killed = ", ".join(f"{name} {n}" for name, n in _per_property(report).items())
     first = "" if report.profile == "deep" else " (the first to find a mutant)"
     console.print(f"Killed by property{first}: {killed}", soft_wrap=True)
-    console.print(_rate_text(report))
+    console.print(_rate_text(*_rates(report)))
     for o in report.outcomes:
         if not o.survived:
             continue
@@ -209,29 +222,28 @@ def show(report: Report, console: Console) -> None:
         console.print(f"Incomplete: {done} of {report.selected}; repeat the command to continue")
 
 
-def _rate_text(report: Report) -> str:
-    rate, without_counts = _rates(report)
+def _rate_text(rate: float, without_counts: float) -> str:
     return f"Killed: {rate:.1%}; without the recorded counts: {without_counts:.1%}"
 
 
-def markdown(report: Report) -> str:
-    """The page docs/mutation.md: the tables, the committed matrix, the survivors."""
-    kinds = [[kind, *_cells(found), KINDS.get(kind, "")] for kind, found in _by_kind(report)]
+def markdown(found: dict[str, Any]) -> str:
+    """The page: the tables of ``results``, the committed matrix, the survivors."""
+    kinds = [[kind, *n.values(), KINDS.get(kind, "")] for kind, n in found["kinds"].items()]
     return markdown_.page(
         PAGES / "mutation.md.j2",
-        profile=report.profile,
+        profile=found["profile"],
         kinds=markdown_table(["kind", *_heads(), "what"], kinds),
-        rates=_rate_text(report),
+        rates=_rate_text(found["kill_rate"], found["kill_rate_without_records"]),
         hows={_head(how): text for how, text in HOW.items()},
         matrix=matrix_page.page_part(),
-        survivors=[o.mutant for o in report.outcomes if o.survived],
+        survivors=found["survivors"],
         listed=SURVIVORS,
-        reasons=report.reasons,
+        reasons={id_: entry.reason for id_, entry in survivors.load().items()},
         not_mutated=NOT_MUTATED,
     )
 
 
 def write(report: Report) -> None:
-    """Write the page of a complete report."""
+    """Write the results of a complete report, from which the page is built."""
     if report.complete:
-        files.write(PAGE, markdown(report))
+        files.write(RESULTS, json.dumps(results(report), indent=1, ensure_ascii=False) + "\n")

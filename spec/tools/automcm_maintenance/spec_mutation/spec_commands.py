@@ -86,7 +86,7 @@ def spec_mutate(
     longest: Annotated[
         float, typer.Option(min=0, help="Maximum seconds of a model that is run at all.")
     ] = 6,
-    write: Annotated[bool, typer.Option(help="Write docs/mutation.md.")] = False,
+    write: Annotated[bool, typer.Option(help="Write the results, for the site.")] = False,
     json_: Json = None,
 ) -> None:
     """Run the models on mutants of the specification.
