@@ -26,12 +26,44 @@ def test_every_promised_name_is_there_and_others_are_not() -> None:
         automcm.__getattr__("McStation")
 
 
-def test_import_loads_no_station() -> None:
-    code = (
-        "import automcm, sys; print([m for m in sys.modules if m.startswith(('automcm', 'pyd'))])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout == "['automcm']\n"
+DRIVER = TWO_STATIONS.partition("clock = VirtualClock()")[0]
+
+
+def free_port() -> tuple[str, int]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.255.255.255", 0))
+        where: tuple[str, int] = sock.getsockname()
+    return where
+
+
+LOADED = """
+import sys
+from pathlib import Path
+for name, module in sys.modules.items():
+    if name.partition(".")[0] in ("automcm", "automcm_spec", "pydantic", "numpy"):
+        print(name, Path(module.__file__).read_bytes().count(b"\\n"))
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "modules", "lines"),
+    [
+        ("import automcm", 1, 100),
+        (DRIVER + OVER_UDP.replace("sleep(10)", "sleep(0.6)"), 30, 5400),
+        ("import automcm.service.station_process", 30, 5600),
+    ],
+    ids=["import automcm", "the page's station over UDP", "automcm station"],
+)
+def test_a_program_loads_little_of_us(program: str, modules: int, lines: int) -> None:
+    program = program.replace("UdpLink()", f"UdpLink(broadcast={free_port()})")
+    command = [sys.executable, "-c", program + LOADED, "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    loaded = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
+    ours = {name: count for name, count in loaded.items() if name.startswith("automcm")}
+    of_the_station = [name for name in ours if name.partition(".")[0] == "automcm"]
+    print(len(of_the_station), "modules of automcm;", sum(ours.values()), "lines with automcm_spec")
+    assert len(of_the_station) <= modules and sum(ours.values()) <= lines
+    assert loaded == ours or modules > 1
 
 
 @pytest.mark.parametrize(("program", "output"), [(TWO_STATIONS, PRINTS), (ALONE, PRINTS_TOO)])
@@ -54,11 +86,7 @@ def test_the_first_program_is_short() -> None:
 
 @pytest.mark.slow
 def test_the_stations_of_the_page_agree_over_udp(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.255.255.255", 0))
-        where = sock.getsockname()
-    driver = TWO_STATIONS.partition("clock = VirtualClock()")[0]
-    program = driver + OVER_UDP.replace("UdpLink()", f"UdpLink(broadcast={where})")
+    program = DRIVER + OVER_UDP.replace("UdpLink()", f"UdpLink(broadcast={free_port()})")
     (tmp_path / "program.py").write_text(program)
     running = [
         subprocess.Popen([sys.executable, "program.py", n], cwd=tmp_path, stdout=-1, text=True)
