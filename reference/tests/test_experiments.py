@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -170,6 +171,17 @@ def test_the_code_is_also_the_tables_and_maps(
     assert len(found) == 5 and sweep.code() in found
 
 
+def test_the_code_is_all_that_an_experiment_imports() -> None:
+    imported = {
+        name
+        for folder in sweep.SOURCES
+        for path in folder.rglob("*.py")
+        for name in re.findall(r"^ *(?:from|import) (automcm\w*)", path.read_text(), re.MULTILINE)
+    }
+    deciding_nothing = {"automcm_cli", "automcm_maintenance"}
+    assert imported - deciding_nothing == {folder.name for folder in sweep.SOURCES}
+
+
 def test_cells_of_another_sweep_are_not_mixed_in(dice: Thrown, tmp_path: Path) -> None:
     run(dice, tmp_path)
     with pytest.raises(ExperimentError, match=r"another sweep \(seed differ\)"):
@@ -222,6 +234,7 @@ def test_a_report_is_written_and_read_again(dice: Thrown, tmp_path: Path) -> Non
     written = [path.name for path in report.write(made, tmp_path)]
     assert written == ["results.json", "dice.csv", "README.md"]
     assert report.load(tmp_path / "results.json") == made
+    assert "code" not in made, "of the code at that time, so never the present one"
     lines = (tmp_path / "results.json").read_text().splitlines()
     cells = [line for line in lines if line.startswith('  {"result": ')]
     assert len(cells) == len(made["cells"])
@@ -232,6 +245,18 @@ def test_a_report_is_written_and_read_again(dice: Thrown, tmp_path: Path) -> Non
         f"| dice fall | 7 | {made['summary']['sum']} | **in shape only** | they are two |" in text
     )
     assert "`automcm experiment dice --profile quick --seed 1`" in text
+
+
+def test_large_results_are_compressed(
+    dice: Thrown, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = run(dice, tmp_path / "dice")
+    (plain, *_) = report.write(made, tmp_path / "dice")
+    monkeypatch.setattr(report, "LARGE_BYTES", 100)
+    (packed, *_) = report.write(made, tmp_path / "dice")
+    assert packed.name == "results.json.xz" and not plain.exists()
+    assert report.load(plain) == report.load(packed) == made
+    assert report.results(tmp_path) == [packed]
 
 
 def test_the_same_is_written_whatever_order_names_come_in(dice: Thrown, tmp_path: Path) -> None:

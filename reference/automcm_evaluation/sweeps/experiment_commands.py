@@ -53,9 +53,9 @@ def _command(name: str, about: str) -> None:
         _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
 
     command.__doc__ = (
-        f"{about}\n\nWrites results.json, a CSV file, a page and figures (automcm[plot]) into a "
-        "subfolder. An interrupted run continues where it stopped. Exit code 1: a proved property "
-        "did not hold."
+        f"{about}\n\nWrites results.json (.xz above 1 MB), a CSV file, a page and figures "
+        "(automcm[plot]) into a subfolder. An interrupted run continues where it stopped. "
+        "Exit code 1: a proved property did not hold."
     )
     app.command(name, epilog=example(f"experiment {name} --profile quick --seed 1"))(command)
 
@@ -95,7 +95,7 @@ def render(
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.sweeps import report
 
-    found = sorted(folder.glob(f"*/{report.RESULTS}"))
+    found = report.results(folder)
     with code_3("experiment", ExperimentError, OSError):
         if not found:
             raise ExperimentError(f"{folder}: no subfolder contains {report.RESULTS}")

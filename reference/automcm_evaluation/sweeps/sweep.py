@@ -40,7 +40,13 @@ CONNECT_S = 10.0
 """How long to wait for a Dask scheduler."""
 SOURCES = [
     Path(str(resources.files(name)))
-    for name in ("automcm", "automcm_evaluation", "automcm_spec", "automcm_traces")
+    for name in (
+        "automcm",
+        "automcm_evaluation",
+        "automcm_simulation",
+        "automcm_spec",
+        "automcm_traces",
+    )
 ]
 ENDINGS = ".py", ".json", ".xml", ".osm"
 
