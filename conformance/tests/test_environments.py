@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from automcm_maintenance.documents.import_graph import PACKAGES
 from cli_stage import AUTOMCM
+
+from automcm_maintenance.documents.repository import SOURCES
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "ein Weg (mit Ümläuten) & 'mehr'"
@@ -22,8 +23,8 @@ LIMIT_S = 120
 def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sources that are needed, in a folder of that name."""
     root = tmp_path_factory.mktemp("environments") / NAME
-    for package, folder in PACKAGES.items():
-        shutil.copytree(ROOT / folder / package, root / folder / package)
+    for folder in SOURCES.values():
+        shutil.copytree(folder, root / folder.relative_to(ROOT))
     for name in ("tla", "models"):
         shutil.copytree(ROOT / "spec" / name, root / "spec" / name)
     return root
@@ -72,7 +73,9 @@ def test_a_model_is_checked(changes: dict[str, str | None], copied: Path, tmp_pa
 
 
 def path_of(root: Path) -> str:
-    return os.pathsep.join(str(root / folder) for folder in dict.fromkeys(PACKAGES.values()))
+    return os.pathsep.join(
+        str(root / folder) for folder in ("spec", "reference", "traces", "conformance")
+    )
 
 
 def test_what_cannot_be_downloaded_is_one_line(tmp_path: Path) -> None:
