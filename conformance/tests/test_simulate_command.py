@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 from cli_stage import automcm
 
-from automcm_cli.reference import simulate_command, traffic_command
+from automcm_cli.reference import traffic_command
 from automcm_evaluation.sweeps import traffic_sweep_command
 from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
 from automcm_maintenance.benches import kernel_bench
+from automcm_simulation.road import figures
 from automcm_simulation.traffic import sumo_mover
 
 CORPUS = Path(__file__).parents[2] / "traces" / "corpus"
@@ -103,7 +104,7 @@ def test_a_folder_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
 def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(simulate_command, "_plots", lambda drive, out: [])
+    monkeypatch.setattr(figures, "available", lambda: False)
     done = automcm("simulate", "lane-change", "--out", tmp_path)
     assert done.exit_code == 0 and "install automcm[plot]" in done.output
 

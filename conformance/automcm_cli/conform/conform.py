@@ -143,45 +143,27 @@ def replay(
     json_: Json = None,
 ) -> None:
     """Send the lines of a recorded failure to a station again."""
-    from automcm_conformance.adapter.adapter import Adapter, LineByLine
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_conformance.exchange import records
-    from automcm_conformance.exchange.exchange import Mismatch
     from automcm_conformance.exchange.transcript import exchange
+    from automcm_conformance.replay.failure_replay import replay_failure
     from automcm_conformance.report.report import visible
     from automcm_spec.support.bad_input import BadInput
 
     command = command_of(ctx)
-    verdict, what, stderr, unanswered = "PASS", "", list[str](), False
     with code_3("replay", AdapterError, ProtocolError, BadInput, OSError):
-        about, steps = records.read_replay(file)
-        station = Adapter(command, limit)
-        try:
-            records.replayed(steps, LineByLine(station))
-        except Mismatch as error:
-            verdict, what = "FAIL", str(error)
-            if about["what"].endswith(f": {what}"):
-                what = about["what"]  # it begins with the defect of the message
-        except ProtocolError as error:
-            verdict, what = "ERROR", str(error)
-        except AdapterError as error:
-            verdict, what, stderr = "ERROR", str(error), error.stderr
-            unanswered = not error.answers
-        finally:
-            station.stop()
-    if write_json(json_, {"case": about["case"], "verdict": verdict, "what": what}):
+        found = replay_failure(file, command, limit)
+    if write_json(json_, found.as_dict()):
         console = console_of()
-        sent = sum(1 for step in steps if step.answer) + unanswered
-        for line in exchange(steps[:sent], complete=True):
+        for line in exchange(found.sent, complete=True):
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
             )
-        reason = f"{about['rule']}: {what}" if what else "every answer is as expected"
-        console.print(f"{verdict} {about['case']}  {reason}", markup=False)
-        for text in stderr:
+        reason = f"{found.rule}: {found.what}" if found.what else "every answer is as expected"
+        console.print(f"{found.verdict} {found.case}  {reason}", markup=False)
+        for text in found.stderr:
             console.print(f"  stderr  {visible(text)}", markup=False, highlight=False)
-    raise typer.Exit({"PASS": 0, "FAIL": 1, "ERROR": 3}[verdict])
+    raise typer.Exit(found.exit_code)
 
 
 @app.command(

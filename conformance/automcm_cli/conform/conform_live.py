@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
-from socket import socket
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -21,9 +19,9 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.live.live_cases import Case, LiveResult, Session
+    from automcm_conformance.live.live_cases import Case, LiveResult
+    from automcm_conformance.live.udp_air import UdpAir
 
-LARGEST = 65_535
 FIRST_CAM_MS = 5_000
 """How long to listen for the station, in ms; a CAM comes at least every second."""
 
@@ -65,7 +63,7 @@ def live(
     from automcm_conformance.adapter.adapter import Adapter
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_conformance.live.live_cases import Session, as_dict, virtual_run
+    from automcm_conformance.live.live_cases import Session, virtual_run
     from automcm_spec.graph.oracle import OracleError, load
     from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
@@ -100,43 +98,9 @@ def live(
         for case in cases:
             notify(case.name)
             session.judge(case)
-    code = _code(session)
-    if write_json(json_, as_dict(session, code)):
+    if write_json(json_, session.as_dict()):
         _show(session.results, console_of())
-    raise typer.Exit(code)
-
-
-class UdpAir:
-    """UDP as a live station's radio: each message is a datagram of JSON (docs/messages.md).
-
-    ``own`` is the socket that sends and receives the stations' answers.  ``shared`` is the socket
-    on the broadcast address ``everyone``.  The caller binds and closes both.
-    """
-
-    def __init__(self, own: socket, shared: socket, everyone: tuple[str, int]) -> None:
-        self._own, self._sockets, self._everyone = own, (own, shared), everyone
-        self._name = own.getsockname()
-        self._zero = time.time() - time.monotonic()
-
-    def now(self) -> int:
-        """ms of UNIX time, by the host's monotonic clock since the start."""
-        return int((time.monotonic() + self._zero) * 1000)
-
-    def send(self, data: bytes) -> None:
-        """Send to all stations.  Raises OSError if the network is unreachable."""
-        self._own.sendto(data, self._everyone)
-
-    def receive(self, until: int) -> tuple[int, bytes] | None:
-        """The next datagram of another sender and its time in ms; None after ``until``."""
-        while True:
-            left = max(0, until - self.now()) / 1000
-            ready, _, _ = select.select(self._sockets, (), (), left)
-            for sock in ready:
-                data, where = sock.recvfrom(LARGEST)
-                if where != self._name:
-                    return self.now(), data
-            if not ready and self.now() >= until:
-                return None
+    raise typer.Exit(session.exit_code)
 
 
 @contextmanager
@@ -144,6 +108,7 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     """The same sockets as those of the reference's stations.  A bad address is a usage error."""
     from automcm.links.link import LinkError
     from automcm.links.udp_link import address, bind, local_only
+    from automcm_conformance.live.udp_air import UdpAir
 
     with usage(LinkError):
         everyone = address(broadcast)
@@ -164,11 +129,6 @@ def _cases(selectors: list[str]) -> list[Case]:
             raise typer.BadParameter(f"there is no case {selector!r}; the cases are {names}")
     wanted = set(selectors)
     return [c for c in CASES if not wanted or c.name in wanted or wanted & {*c.rules}]
-
-
-def _code(session: Session) -> int:
-    verdicts = {judged.verdict for judged in session.results}
-    return 1 if "FAIL" in verdicts else 4 if "INCONC" in verdicts else 0
 
 
 def _show(judged: list[LiveResult], console: Console) -> None:

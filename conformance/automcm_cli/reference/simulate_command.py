@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-import logging
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
-from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from automcm_cli.shared.common import Json, code_3, example, progress, say, write_json
-from automcm_spec.support import children, files
-
-if TYPE_CHECKING:
-    from automcm_simulation.road.drive import SimulatedDrive
-    from automcm_simulation.road.occupancy_sweep import Driven
-
-FEW_DRIVES = 20
-"""Too few drives for a process of their own."""
+from automcm_spec.support import files
 
 app = typer.Typer()
 
@@ -50,6 +36,7 @@ def lane_change(
     automcm[plot]).  The exit code is 1 if the lane change was not completed.
     """
     from automcm.links.simulated_radio import Channel
+    from automcm_simulation.road import drive_report
     from automcm_simulation.road.drive import FourVehicles
 
     setting = FourVehicles(
@@ -64,8 +51,8 @@ def lane_change(
         for old in out.glob("[1-4].ndjson"):
             old.unlink()
         drive = setting.run(channel=Channel(loss=loss), logs=out)
-        plots = _plots(drive, out)
-    report = _report(drive)
+        plots = drive_report.plots(drive, out)
+    report = drive_report.report(drive)
     if write_json(json_, report | {"plots": [str(path) for path in plots]}):
         for line in report["story"]:
             say(f"{line['t_s']:6.2f} s  {line['vehicle']:<10}  {line['what']}")
@@ -104,131 +91,29 @@ def drives(
     errors.  A drive is bad if less than 2 m of room is left, or somebody brakes harder than 4 m/s².
     The exit code is 1 if a drive is bad.
     """
-    from automcm_simulation.road.occupancy_sweep import KINDS
+    from automcm_simulation.road import sweep_report
     from automcm_simulation.road.sweep_drivers import WITHOUT
 
     if without and without not in WITHOUT:
         raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
     sigmas = (0.0, 0.5, 1.0, 2.0) if by_sigma else (None,)
     asked = [(each, without, sigma) for sigma in sigmas for each in range(seed, seed + count)]
-    found = _driven(asked, workers)
-    bad = [asdict(each) for each in found if each.bad]
-    kinds = {
-        kind: {
-            "drives": len(some),
-            "changed": sum(each.changed for each in some),
-            "returned": sum(each.returned for each in some),
-            "bad": sum(each.bad for each in some),
-        }
-        for kind in KINDS
-        for some in [[each for each in found if each.kind == kind]]
-    }
-    report = {"seed": seed, "drives": count, "without": without, "kinds": kinds, "bad": bad}
-    errors = {
-        sigma: {
-            "completed": sum(each.changed for each in some),
-            "aborted": sum(not each.changed for each in some),
-            "bad": sum(each.bad for each in some),
-        }
-        for sigma in sigmas
-        if sigma is not None
-        for some in [[each for each in found if each.sigma == sigma]]
-    }
-    if by_sigma:
-        report["sigmas"] = errors
+    with progress() as notify:
+        found = sweep_report.driven(asked, workers, notify)
+    counted = sweep_report.counted(found, [sigma for sigma in sigmas if sigma is not None])
+    report = {"seed": seed, "drives": count, "without": without, **counted}
     if write_json(json_, report):
-        for sigma, outcomes in errors.items():
+        for sigma, outcomes in counted.get("sigmas", {}).items():
             counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
             say(f"sigma {sigma} m      {counts}")
-        for kind, figures in kinds.items():
+        for kind, figures in counted["kinds"].items():
             counts = ", ".join(f"{number} {name}" for name, number in figures.items())
             say(f"{kind:<16} {counts}")
-        for each in bad:
+        for each in counted["bad"]:
             room = "-" if each["room_m"] is None else f"{each['room_m']} m"
             braking = f"braking {each['braking']} m/s²"
             say(
                 f"seed {each['seed']}, {each['kind']}, sigma {each['sigma']} m: "
                 f"room {room}, {braking}"
             )
-    raise typer.Exit(1 if bad else 0)
-
-
-def _driven(asked: Sequence[tuple[int, str, float | None]], workers: int) -> list[Driven]:
-    """Each drive (seed, mechanism taken away, sigma), in this order."""
-    found: list[Driven] = []
-    with progress() as notify, ExitStack() as stack:
-        workers = min(workers or os.cpu_count() or 1, len(asked) // FEW_DRIVES + 1)
-        if workers > 1:
-            spawn = get_context("spawn")
-            pool = ProcessPoolExecutor(workers, spawn, initializer=children.end_with_parent)
-            results = stack.enter_context(pool).map(_drive, asked, chunksize=10)
-        else:
-            results = map(_drive, asked)
-        for one in results:
-            found.append(one)
-            notify(f"{len(found)} of {len(asked)} drives, {sum(d.bad for d in found)} bad")
-    return found
-
-
-def _drive(asked: tuple[int, str, float | None]) -> Driven:
-    from automcm_simulation.road.occupancy_sweep import drive
-
-    # Clocks out of step and messages too long are drawn on purpose: no warnings.
-    logging.getLogger("automcm.service").setLevel(logging.ERROR)
-    seed, without, sigma = asked
-    return drive(seed, without, sigma=sigma)
-
-
-def _report(drive: SimulatedDrive) -> dict[str, Any]:
-    from automcm.applications.lane_change import LaneChange
-    from automcm_simulation.road.drive import NAMES
-
-    story = [
-        {"t_s": t / 1000, "vehicle": NAMES[driver.vehicle.station_id], "what": what}
-        for driver in drive.drivers
-        if isinstance(driver, LaneChange)
-        for t, what in driver.story
-    ]
-    ends = {}
-    for vehicle in drive.road.vehicles:
-        samples = drive.road.of(vehicle.station_id)
-        ends[NAMES[vehicle.station_id]] = {
-            "lane": vehicle.lane,
-            "x_m": round(vehicle.x, 2),
-            "slowest_kmh": round(min(s.speed for s in samples) * 3.6, 2),
-            "hardest_braking": round(max(0.0, -min(s.acceleration for s in samples)), 2),
-        }
-    changed = drive.road.vehicles[0]
-    return {
-        "done": changed.lane == 1 and not changed.changing,
-        "story": sorted(story, key=lambda line: line["t_s"]),
-        "vehicles": ends,
-    }
-
-
-def _plots(drive: SimulatedDrive, out: Path) -> list[Path]:
-    """Both plots as PNG and SVG; none without matplotlib."""
-    from automcm_simulation.road import figures
-    from automcm_simulation.road.drive import NAMES
-
-    if not figures.available():
-        return []
-    written = []
-    for name, across, up in (
-        ("speed-over-position", "position, m", "speed, km/h"),
-        ("space-time", "time, s", "position, m"),
-    ):
-        figure, (plot,) = figures.plots()
-        for vehicle in drive.road.vehicles:
-            samples = drive.road.of(vehicle.station_id)
-            value = {
-                "position, m": [s.x for s in samples],
-                "speed, km/h": [s.speed * 3.6 for s in samples],
-                "time, s": [s.t for s in samples],
-            }
-            plot.plot(value[across], value[up], label=NAMES[vehicle.station_id])
-        plot.set_xlabel(across)
-        plot.set_ylabel(up)
-        plot.legend()
-        written += figures.save(figure, out / name)
-    return written
+    raise typer.Exit(1 if counted["bad"] else 0)

@@ -22,8 +22,6 @@ from automcm_spec.support import files
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from automcm_simulation.traffic.traffic import Traffic
-
 app = typer.Typer()
 
 
@@ -78,6 +76,7 @@ def traffic(
     from automcm_simulation.traffic.mover import TrafficError
     from automcm_simulation.traffic.seen_from_above import Frames
     from automcm_simulation.traffic.traffic_scenario import Setting
+    from automcm_simulation.traffic_scenarios import session_page
     from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
     from automcm_simulation.traffic_scenarios.traffic_run import Run, wrong
 
@@ -103,10 +102,9 @@ def traffic(
         with ExitStack() as stack:
             bar = stack.enter_context(_bar(duration_s))
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
-        (out / "page.html").unlink(missing_ok=True)  # of an earlier run
         record = run.record(found)
         files.write(out / "traffic.json", frames.as_json())
-        page = _page(found, out)
+        page = session_page.write(found, out)
     write_json(out / "record.json", record)
     if write_json(json_, record | {"page": str(page) if page else None}):
         _say(record, out, page)
@@ -135,25 +133,6 @@ class _Bar:
 
 def _bar(duration_s: float) -> _Bar:
     return _Bar(duration_s)
-
-
-def _page(found: Traffic, out: Path) -> Path | None:
-    """The page of the first session that was completed, or else agreed; None without one."""
-    from automcm_traces.viewer.page import html
-    from automcm_traces.viewer.page_data import load
-    from automcm_traces.viewer.page_part import Part
-
-    stations = found.stations
-    sessions = sorted(stations.completed & stations.agreed) or sorted(stations.agreed)
-    if not sessions:
-        return None
-    session = min(sessions, key=lambda each: stations.began[each])
-    partners = stations.partners[session]
-    logs = [out / f"{number}.ndjson" for number in (session[0], *sorted(partners - {session[0]}))]
-    page = load(logs, f"session {session[0]}/{session[1]} in traffic", part=Part(session=session))
-    page.traffic = out / "traffic.json"
-    files.write(out / "page.html", html(page))
-    return out / "page.html"
 
 
 def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:

@@ -144,6 +144,23 @@ class Session:
     stuck: Live | None = None
     """The case after which the station did not become idle."""
 
+    @property
+    def exit_code(self) -> int:
+        """1 if a case failed, 4 if one was inconclusive, else 0."""
+        verdicts = {judged.verdict for judged in self.results}
+        return 1 if "FAIL" in verdicts else 4 if "INCONC" in verdicts else 0
+
+    def as_dict(self) -> dict[str, object]:
+        """The report as a JSON object."""
+        return {
+            "format": "automcm.live/1",
+            "station": self.station,
+            "jitter_ms": self.jitter_ms,
+            "parameters": dict(self.parameters),
+            "exit_code": self.exit_code,
+            "cases": [asdict(judged) for judged in self.results],
+        }
+
     def heard(self, limit_ms: int) -> bool:
         """Whether the station sends a CAM within ``limit_ms``."""
         until = self.air.now() + limit_ms
@@ -235,15 +252,3 @@ def virtual_run(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int])
         return ""
 
     return judged
-
-
-def as_dict(session: Session, exit_code: int) -> dict[str, object]:
-    """The report as a JSON object."""
-    return {
-        "format": "automcm.live/1",
-        "station": session.station,
-        "jitter_ms": session.jitter_ms,
-        "parameters": dict(session.parameters),
-        "exit_code": exit_code,
-        "cases": [asdict(judged) for judged in session.results],
-    }
