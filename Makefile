@@ -55,7 +55,7 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_traffic.py
 	@$(BIN)/python reference/tests/foreign_traffic_experiment.py
 	@$(BIN)/python reference/tests/foreign_radio.py
-	@$(BIN)/pytest -q -n 0 conformance/tests/test_new_adapter.py
+	@$(BIN)/pytest -q -n 0 conformance/tests/adapter/test_new_adapter.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 # Fails each system call of a station in each phase (docs/faults.md; six minutes), then runs 20

@@ -1,14 +1,20 @@
-"""What holds for all tests: which cases of a sweep are quick, and that tests may be coroutines."""
+"""What holds for all tests: they can import one another and their helpers, which cases of a sweep
+are quick, and that tests may be coroutines."""
 
 from __future__ import annotations
 
 import asyncio
 import inspect
+import sys
 from collections import defaultdict
+from pathlib import Path
 
 import hypothesis
 import pytest
 
+sys.path[:0] = [
+    str(path) for path in sorted(Path(__file__).parent.glob("*/tests/**/")) if path.name[0] != "_"
+]
 hypothesis.settings.register_profile(
     "quick", hypothesis.settings.get_profile("ci"), max_examples=25
 )

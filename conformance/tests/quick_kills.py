@@ -51,7 +51,9 @@ FEW = 8
 """Test files that are not worth a second process."""
 PASSED, NO_TESTS = 0, 5
 RULES = ROOT / "reference/automcm/core/rules.py"
-FRESH = "spec/tests/test_compiler.py::test_the_committed_station_is_what_would_be_generated"
+FRESH = (
+    "spec/tests/compilation/test_compiler.py::test_the_committed_station_is_what_would_be_generated"
+)
 TIME = "time"
 
 
@@ -151,7 +153,9 @@ class Suite:
     def __init__(self, root: Path) -> None:
         self.root = copied(root)
         self.files = [
-            path.relative_to(ROOT) for f in FOLDERS for path in (ROOT / f / "tests").glob("test_*")
+            path.relative_to(ROOT)
+            for f in FOLDERS
+            for path in sorted((ROOT / f / "tests").rglob("test_*.py"))
         ]
         self.left_out = [FRESH]
         """Tests that fail without a fault, and the one that compares station.py as a text."""

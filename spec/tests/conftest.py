@@ -1,4 +1,4 @@
-"""Lets the tests import mutant_stage; SANY runs once for all tests of the compiler."""
+"""SANY runs once for all tests of the compiler."""
 
 import importlib.util
 import sys
@@ -7,8 +7,6 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

@@ -54,9 +54,10 @@ RULES: dict[str, str] = {
 }
 """Every rule, in one line."""
 
+_TESTS = "reference/tests/core/test_station.py"
 NO_GRAPH: dict[str, str] = {
-    "ACT-1": "reference/tests/test_station.py::test_act_1_one_trajectory_is_handed_over_and_kept",
-    "END-5 (malformed bytes)": "reference/tests/test_station.py::test_end_5_malformed_bytes",
+    "ACT-1": f"{_TESTS}::test_act_1_one_trajectory_is_handed_over_and_kept",
+    "END-5 (malformed bytes)": f"{_TESTS}::test_end_5_malformed_bytes",
 }
 """The rules that no graph of one station can show, with the tests that show them."""
 

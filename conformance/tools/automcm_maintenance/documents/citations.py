@@ -27,7 +27,9 @@ _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
 _CASE = re.compile(r'^id = "(.+)"$', re.MULTILINE)
 _MODEL = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
 _METHOD = re.compile(r"^    def (\w+)\(", re.MULTILINE)
-_TESTS = tuple(f"{folder}/tests/*.py" for folder in ("spec", "reference", "traces", "conformance"))
+_TESTS = tuple(
+    f"{folder}/tests/**/*.py" for folder in ("spec", "reference", "traces", "conformance")
+)
 
 Cell = list[tuple[str, str]]
 """The citations of a rule in a column: names with their places, the best first."""

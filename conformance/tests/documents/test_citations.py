@@ -1,0 +1,62 @@
+"""The table of what there is on each rule: nothing is missing without a reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from automcm_maintenance.documents import citations, uncited
+from automcm_maintenance.documents.citations import COLUMNS, Cell
+from automcm_spec.vocabulary.rules import RULES
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, dict[str, Cell]]:
+    return citations.found(ROOT)
+
+
+def test_each_cell_has_something_or_a_reason_and_not_both(
+    found: dict[str, dict[str, Cell]],
+) -> None:
+    empty = {(rule, c) for rule, cells in found.items() for c in COLUMNS if not cells[c]}
+    assert empty == set(citations.reasons())
+
+
+def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
+    found: dict[str, dict[str, Cell]],
+) -> None:
+    assert {*RULES, "KIN-1", "KIN-7", "S-1", "L-4", "T-5"} <= set(found)
+    links = {link for cells in found.values() for cell in cells.values() for link in cell}
+    for name, link in links:
+        path, _, line = link.partition("#L")
+        text = (ROOT / path).read_text()
+        assert not line or name in text.splitlines()[int(line) - 1], link
+
+
+def test_what_is_found_is_what_is_there(found: dict[str, dict[str, Cell]]) -> None:
+    assert "OnForeignPrescription" in [name for name, _ in found["NEG-4"]["specification"]]
+    assert "no_busy_refusal" in [name for name, _ in found["NEG-4"]["must fail"]]
+    assert ("negotiating.py", "reference/automcm/core/negotiating.py") in found["NEG-4"]["code"]
+    assert "AMCM/PRE/NEG/BI-01" in [name for name, _ in found["NEG-4"]["case"]]
+    assert found["KIN-3"]["vector"] == [
+        (f"{name}.json", f"conformance/vectors/{name}.json") for name in ("collide", "extents")
+    ]
+    assert "no_re_ack" in [name for name, _ in found["END-3"]["counterexample"]]
+    assert [name for name, _ in found["T-2"]["specification"]] == ["HazardInv"]
+    assert "on_foreign_prescription" in [name for name, _ in found["NEG-4"]["log tools"]]
+
+
+def test_a_cell_without_a_reason_stands_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "**none**" not in citations.table(ROOT)
+    (_, rules, _), *others = uncited.WHY
+    monkeypatch.setattr(uncited, "WHY", others)
+    assert citations.table(ROOT).count("**none**") == len(rules)
+
+
+def test_two_reasons_for_a_cell_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uncited, "WHY", [*uncited.WHY, ("case", ("ACT-1",), "another")])
+    with pytest.raises(ValueError, match="ACT-1, case: has two reasons"):
+        citations.reasons()

@@ -1,0 +1,339 @@
+"""Output that cannot be written never ends with 1, a verdict against: every command, each way."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from test_help import COMMANDS
+
+from automcm_cli import exit_codes
+from automcm_cli.shared import common
+from automcm_evaluation.sweeps.catalogue import NAMES
+
+ROOT = Path(__file__).resolve().parents[3]
+CORPUS = ROOT / "traces" / "corpus"
+AUTOMCM = Path(sys.executable).parent / "automcm"
+ADAPTER = ["--", str(AUTOMCM), "adapter"]
+FULL = f"automcm: standard output: {os.strerror(errno.ENOSPC)}\n"
+
+
+@dataclass(frozen=True)
+class Cheap:
+    """It prints something within seconds, and writes what these options name."""
+
+    arguments: list[str]
+    files: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    """Options that name inputs."""
+    stdin: str = ""
+    slow: bool = False
+    """Seconds: only one of the two ways is tried."""
+
+
+MINUTES = "minutes"
+TLC = "runs TLC, which spec check does here"
+SUMO = "needs SUMO: reference/tests/foreign_traffic.py"
+SERVES = (
+    "it serves others and goes on without standard output: conformance/tests/reference/test_demo.py"
+)
+SWEEP = "a sweep of minutes; its report is written as the others are"
+Device = Callable[[], AbstractContextManager[int]]
+JSON, OUT = "--json", "--out"
+
+TABLE: dict[str, Cheap | str] = {
+    "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
+    "bench conform": MINUTES,
+    "bench kernels": MINUTES,
+    "bench radio": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
+    "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
+    "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
+    "bench traces": MINUTES,
+    "bench traffic": SUMO,
+    "bench window": Cheap(["--sessions", "1"], files=(JSON,)),
+    "conform certify": MINUTES,
+    "conform check-adapter": Cheap(ADAPTER, files=(JSON,), slow=True),
+    "conform explore": Cheap(["1", "--walks", "1", *ADAPTER], files=(OUT, JSON), slow=True),
+    "conform list": Cheap(["NEG-4"], files=(JSON,)),
+    "conform live": "needs a station on sockets",
+    "conform new": Cheap(["made"], files=("made",)),
+    "conform replay": "needs a failure, and prints as conform run does",
+    "conform report": Cheap(["report.json"], files=("--html",)),
+    "conform run": Cheap(
+        ["AMCM/RCV/NEG/BI-05", *ADAPTER], files=(OUT, JSON), reads=("--expect",), slow=True
+    ),
+    "demo": "20 s",
+    "drive": SERVES,
+    **{f"experiment {name}": SWEEP for name in ("all", *NAMES)},
+    "experiment render": "needs the results of a sweep",
+    "generate": MINUTES,
+    "keys authority": Cheap(["made"], files=(JSON,)),
+    "keys issue": Cheap(["authority", "station", "--renew"], files=(JSON,)),
+    "keys revoke": Cheap(["authority", "--id", "7"], files=(JSON,)),
+    "keys show": Cheap(["station"], files=(JSON,)),
+    "link relay": SERVES,
+    "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
+    "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
+    "simulate traffic": SUMO,
+    "simulate traffic-sweep": SUMO,
+    "spec bench": TLC,
+    "spec check": Cheap(["bare_ack"], files=("--traces", JSON), slow=True),
+    "spec list": Cheap([], files=(JSON,)),
+    "spec mutate": TLC,
+    "spec pages": TLC,
+    "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
+    "spec simulate": TLC,
+    "station": SERVES,
+    "trace coverage": Cheap(["1001.ndjson"], files=("--html", JSON), slow=True),
+    "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
+    "trace explain": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
+    "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),
+    "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare", "--traffic")),
+    "trace itf": Cheap(["1001.ndjson"], files=(OUT, JSON)),
+    "trace lint": Cheap(["1001.ndjson"], files=(JSON,)),
+    "trace replay": Cheap(["1001.ndjson", *ADAPTER], files=(OUT, JSON)),
+    "trace show": Cheap(["1001.ndjson"], files=(JSON,)),
+    "trace shrink": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
+    "trace watch": Cheap(["1001.ndjson"], files=(JSON,)),
+    "vectors check": Cheap(["--kernel", "collide"], files=(JSON,)),
+    "verify": MINUTES,
+}
+CHEAP = {name: way for name, way in TABLE.items() if isinstance(way, Cheap)}
+"""The other commands are not run here, for the reason that stands there."""
+
+
+def test_the_table_has_every_command() -> None:
+    assert set(TABLE) == {" ".join(path) for path, group in COMMANDS.items() if not group}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the commands run: logs, a report of the kit, an authority and a station of it."""
+    made = tmp_path_factory.mktemp("output")
+    for path in (*sorted((CORPUS / "pair").iterdir()), CORPUS / "bad" / "busy_accepted.ndjson"):
+        shutil.copy(path, made)
+    run = ["conform", "run", "AMCM/RCV/NEG/BI-05", "--json", "report.json", *ADAPTER]
+    authority = ["keys", "authority", "authority"]
+    station = ["keys", "issue", "authority", "station", "--id", "7"]
+    for words in (run, authority, station):
+        subprocess.run([AUTOMCM, *words], cwd=made, check=True, capture_output=True)
+    return made
+
+
+@contextmanager
+def full_device() -> Iterator[int]:
+    descriptor = os.open("/dev/full", os.O_WRONLY)
+    yield descriptor
+    os.close(descriptor)
+
+
+@contextmanager
+def closed_pipe() -> Iterator[int]:
+    """A pipe that nobody reads any more."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    yield writing
+    os.close(writing)
+
+
+def ends(
+    arguments: list[str], stdout: int, folder: Path, stdin: str = "", unbuffered: bool = False
+) -> tuple[int, str]:
+    """The exit code and standard error."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        [AUTOMCM, *arguments],
+        cwd=folder,
+        input=stdin,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment | ({"PYTHONUNBUFFERED": "1"} if unbuffered else {}),
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("command", CHEAP)
+def test_output_that_cannot_be_written(command: str, folder: Path) -> None:
+    way, words = CHEAP[command], command.split()
+    ways: tuple[tuple[str, Device, int], ...] = (
+        ("full", full_device, exit_codes.UNWRITTEN),
+        ("pipe", closed_pipe, exit_codes.CLOSED_PIPE),
+    )
+    for name, device, code in ways[: 1 if way.slow else 2]:
+        where = folder / name / "-".join(words)
+        shutil.copytree(folder, where, ignore=shutil.ignore_patterns("full", "pipe", "limited"))
+        with device() as stdout:
+            ended, told = ends([*words, *way.arguments], stdout, where, way.stdin)
+        assert ended == code, told
+        assert "Traceback" not in told and os.strerror(errno.EPIPE) not in told
+        assert told.endswith(FULL) == (name == "full") and told.count("standard output") < 2
+
+
+def path_options(command: str) -> set[str]:
+    """The options of a command that take a path."""
+    text = subprocess.run([AUTOMCM, *command.split(), "--help"], capture_output=True, text=True)
+    return set(
+        re.findall(r"^  (--[\w-]+) <(?:list\[)?path", text.stdout, re.MULTILINE | re.IGNORECASE)
+    )
+
+
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("command", CHEAP)
+def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
+    """As on a full disk: no file takes a byte."""
+    way, words = CHEAP[command], command.split()
+    options = [name for name in way.files if name.startswith("--")]
+    assert path_options(command) == {*options, *way.reads}
+    if not way.files:
+        return
+    where = folder / "limited" / "-".join(words)
+    shutil.copytree(folder, where, ignore=shutil.ignore_patterns("full", "pipe", "limited"))
+    given = [word for name in options for word in (name, f"there{name}")]
+    done = subprocess.run(
+        [AUTOMCM, *words, *given, *way.arguments],
+        cwd=where,
+        capture_output=True,
+        text=True,
+        input=way.stdin,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)),
+    )
+    assert done.returncode == exit_codes.UNWRITTEN, done.stderr
+    assert "Traceback" not in done.stderr and done.stderr.count("\n") < 3
+    assert os.strerror(errno.EFBIG) in done.stderr
+
+
+DIFF = ["trace", "diff", "1001.ndjson", "2002.ndjson"]
+
+
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize("more", [[], ["--json", "-"]], ids=["text", "json"])
+@pytest.mark.parametrize("unbuffered", [False, True], ids=["buffered", "unbuffered"])
+def test_a_verdict_that_cannot_be_written_is_none(
+    more: list[str], unbuffered: bool, folder: Path
+) -> None:
+    """The logs differ: without output nobody has been told so."""
+    with open(folder / "verdict", "w") as file:
+        assert ends([*DIFF, *more], file.fileno(), folder, unbuffered=unbuffered)[0] == 1
+    with full_device() as device:
+        found = ends([*DIFF, *more], device, folder, unbuffered=unbuffered)
+        assert found == (exit_codes.UNWRITTEN, FULL)
+    with closed_pipe() as pipe:
+        found = ends([*DIFF, *more], pipe, folder, unbuffered=unbuffered)
+        assert found == (exit_codes.CLOSED_PIPE, "")
+
+
+def shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["bash", "-c", line.replace("automcm", str(AUTOMCM))],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unbuffered", ["", "PYTHONUNBUFFERED=1"])
+def test_a_reader_that_goes_away_is_no_divergence(unbuffered: str, folder: Path) -> None:
+    """What pipefail makes of it, and more than a pipe holds; nothing of it is lost otherwise."""
+    command = f"unset PYTHONUNBUFFERED; set -o pipefail; {unbuffered} automcm conform list --json -"
+    done = shell(f"{command} | head -c 1", folder)
+    assert (done.returncode, done.stdout, done.stderr) == (exit_codes.CLOSED_PIPE, "[", "")
+    whole = shell(f"{command} | cat", folder)
+    assert len(whole.stdout) > 2**16 and json.loads(whole.stdout) and whole.returncode == 0
+
+
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize(
+    "words",
+    ["--version", "--help", "trace --help", "link relay --help", " ".join(DIFF), "spec list"],
+)
+def test_a_closed_standard_output_is_no_divergence(words: str, folder: Path) -> None:
+    done = shell(f"automcm {words} >&-", folder)
+    assert done.returncode == exit_codes.UNWRITTEN
+    assert done.stderr == f"automcm: standard output: {os.strerror(errno.EBADF)}\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", ["1", "2", "1 2", "0 1 2"])
+def test_no_file_takes_the_place_of_what_is_closed(closed: str, folder: Path) -> None:
+    """What is printed must not get into the page, which would be the next file opened."""
+    where = f"page-{closed.replace(' ', '')}.html"
+    redirected = " ".join(f"{number}>&-" for number in closed.split())
+    shell(f"automcm trace html 1001.ndjson --out {where} {redirected}", folder)
+    shell("automcm trace html 1001.ndjson --out page.html", folder)
+    assert (folder / where).read_bytes() == (folder / "page.html").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["2>/dev/full", "2>&-"])
+def test_standard_error_that_cannot_be_written_changes_no_verdict(lost: str, folder: Path) -> None:
+    assert shell(f"automcm trace explain none.ndjson {lost}", folder).returncode == 3
+    assert shell(f"automcm nonsense {lost}", folder).returncode == 2
+    assert shell(f"automcm {' '.join(DIFF)} {lost}", folder).returncode == 1
+
+
+def in_a_program(text: str, stdout: int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """A program that is run as the console script is."""
+    code = (
+        f"import sys\nfrom automcm_cli import exit_codes\n{text}\nsys.exit(exit_codes.run(program))"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code], stdout=stdout, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_a_fault_of_ours_is_70_and_says_how_to_report_it() -> None:
+    done = in_a_program("def program(): raise KeyError('what')")
+    lines = done.stderr.splitlines()
+    assert done.returncode == exit_codes.FAULT and lines[0].startswith("Traceback")
+    assert lines[-2] == "KeyError: 'what'" and "please report it" in lines[-1]
+
+
+def test_a_fault_of_the_follower_is_no_verdict_on_the_log() -> None:
+    log = CORPUS / "pair" / "1001.ndjson"
+    done = in_a_program(
+        "from automcm_cli.main import app\nfrom automcm_traces.checker.engine import Engine\n"
+        "def broken(*_): raise KeyError('ours')\nEngine.feed = broken\n"
+        f"sys.argv = ['automcm', 'trace', 'explain', {str(log)!r}]\nprogram = app"
+    )
+    assert done.returncode == exit_codes.FAULT and "KeyError: 'ours'" in done.stderr
+    assert "please report it" in done.stderr.splitlines()[-1]
+
+
+def test_bad_input_that_nobody_caught_is_3_and_named() -> None:
+    text = "from automcm_spec.support.bad_input import BadInput\n"
+    done = in_a_program(f"{text}def program(): raise BadInput('a.json', 3, 'x', 'is odd', 'form')")
+    assert (done.returncode, done.stderr) == (3, "automcm: a.json:3: x: is odd [form]\n")
+
+
+def test_a_file_that_nobody_caught_is_3_and_named() -> None:
+    done = in_a_program("def program(): open('/none/such')")
+    assert done.returncode == exit_codes.UNWRITTEN
+    assert done.stderr == f"automcm: /none/such: {os.strerror(errno.ENOENT)}\n"
+
+
+def test_a_pipe_of_something_else_is_not_standard_output() -> None:
+    """A child that ends early is no reader that went away."""
+    done = in_a_program(
+        "import os\ndef program():\n a, b = os.pipe()\n os.close(a)\n os.write(b, b'x')"
+    )
+    assert done.returncode == exit_codes.UNWRITTEN
+    assert done.stderr == f"automcm: {os.strerror(errno.EPIPE)}\n"
+
+
+def test_the_exit_codes_are_in_the_help() -> None:
+    for code in (exit_codes.UNWRITTEN, exit_codes.FAULT, exit_codes.CLOSED_PIPE):
+        assert re.search(rf"\b{code} \w", common.CODES)

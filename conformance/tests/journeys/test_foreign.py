@@ -1,0 +1,77 @@
+"""make test-foreign: the mutants of the C++ station, and the criterion for a pass."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm_maintenance.code_mutation import cpp_station
+
+# -- what make test-foreign needs
+
+
+@pytest.fixture(scope="module")
+def foreign() -> Any:
+    path = Path(__file__).parents[1] / "foreign.py"
+    spec = importlib.util.spec_from_file_location("foreign", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["foreign"] = module  # dataclasses look there
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_mutants_are_well_formed(foreign: Any) -> None:
+    found = foreign.mutants()
+    assert len(found) == 31
+    combined = foreign.mutants(cpp_station.COMBINED)
+    assert len(combined) == 10
+    assert all(len(mutant.edits) == len(mutant.rules) == 2 for mutant in combined)
+    assert all(mutant.story.endswith(".") for mutant in [*found, *combined])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("int twice;", "int once;"), "a: old: must occur once in station.hpp, not 2 times"),
+        (("int none;", "int once;"), "a: old: must occur once in station.hpp, not 0 times"),
+        (("int once;", "int once;"), "a: new: must differ from old"),
+        (("int once;", "int other;", "NEG-99"), "a: rules: unknown rule in NEG-99"),
+    ],
+)
+def test_a_mutant_that_is_not(
+    foreign: Any, tmp_path: Path, change: tuple[str, ...], says: str
+) -> None:
+    (tmp_path / "station.hpp").write_text("int once; int twice; int twice;")
+    old, new, *rules = change
+    row = f'[[mutant]]\nname = "a"\nstory = "b."\nold = "{old}"\nnew = "{new}"\n'
+    (tmp_path / "mutants.toml").write_text(f"{row}rules = {rules or ['NEG-4']}\n")
+    with pytest.raises(ValueError, match=re.escape(says)):
+        foreign.mutants(tmp_path / "mutants.toml")
+
+
+def test_a_station_without_its_toolchain_is_skipped(foreign: Any, tmp_path: Path) -> None:
+    assert [each.name for each in foreign.STATIONS] == ["the station in C++", "the station in Go"]
+    for each in foreign.STATIONS:
+        row = foreign.check_station(replace(each, missing=lambda: "a compiler"), tmp_path)
+        assert (row.skipped, row.verdict, row.failed) == (True, "", "a compiler is missing")
+
+
+def test_what_foreign_takes_for_a_pass(foreign: Any) -> None:
+    case = {"id": "x", "verdict": "PASS", "level": "MUST", "expected": True, "reason": ""}
+    good = {"cases": [case], "problems": [], "coverage": {"transitions": [3, 3]}}
+    assert foreign.wrong(0, good) == ""
+    assert foreign.wrong(1, good) == "exit code 1"
+    assert foreign.wrong(0, good | {"cases": [case | {"verdict": "SKIP"}]}) == "x: SKIP "
+    assert foreign.wrong(0, good | {"problems": ["cut short"]}) == "cut short"
+    assert "2 of 3" in foreign.wrong(0, good | {"coverage": {"transitions": [2, 3]}})
+    assert "0 of 0" in foreign.wrong(0, good | {"coverage": {"transitions": [0, 0]}})
+    failed = {"id": "y", "verdict": "FAIL", "failures": [{"rule": "NEG-1"}, {"rule": "END-3"}]}
+    assert foreign.fitting({"cases": [case, failed]}, ("END-3",)) == ("y", "END-3")
+    assert foreign.fitting({"cases": [case, failed]}, ("END-4",)) == ("", "")

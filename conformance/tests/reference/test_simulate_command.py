@@ -1,0 +1,276 @@
+"""``automcm simulate`` and ``automcm bench``: output and files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_stage import automcm
+
+from automcm_cli.reference import traffic_command
+from automcm_evaluation.sweeps import traffic_sweep_command
+from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
+from automcm_maintenance.benches import kernel_bench
+from automcm_simulation.road import figures
+from automcm_simulation.traffic import sumo_mover
+
+CORPUS = Path(__file__).parents[3] / "traces" / "corpus"
+PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
+
+
+def run(*args: str) -> tuple[int, str]:
+    done = automcm(*args)
+    return done.exit_code, done.stdout
+
+
+def test_the_lane_change_is_told_and_drawn(tmp_path: Path) -> None:
+    code, said = run("simulate", "lane-change", "--seconds", "20", "--out", str(tmp_path))
+    assert code == 0
+    for line in (
+        "prescribes 3 to drive 20 km/h slower",
+        "B           accepts",
+        "has changed lanes",
+    ):
+        assert line in said
+    for name in PLOTS:
+        assert (tmp_path / name).stat().st_size > 5000 and name in said
+    assert sorted(path.name for path in tmp_path.glob("*.ndjson"))[0] == "1.ndjson"
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_pictures(tmp_path: Path) -> None:
+    for name in "ab":
+        run("simulate", "lane-change", "--seconds", "12", "--out", str(tmp_path / name))
+    for name in PLOTS[1::2]:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_json_holds_the_story_and_the_ends(tmp_path: Path) -> None:
+    args = ["--vehicles", "2", "--speed", "50", "--out", str(tmp_path), "--json", "-"]
+    code, said = run("simulate", "lane-change", *args)
+    report = json.loads(said)
+    assert code == 0 and report["done"] and set(report["vehicles"]) == {"prescriber", "B"}
+    assert report["story"][0]["what"] == "signals for lane 1"
+    assert report["vehicles"]["B"]["slowest_kmh"] < 35
+
+
+def test_without_messages_the_receiver_stops(tmp_path: Path) -> None:
+    args = ["--vehicles", "2", "--uncoordinated", "--out", str(tmp_path), "--json", "-"]
+    code, said = run("simulate", "lane-change", *args)
+    assert code == 0 and json.loads(said)["vehicles"]["B"]["slowest_kmh"] == 0
+
+
+@pytest.mark.slow
+def test_drives_are_counted_by_what_b_does() -> None:
+    code, said = run("simulate", "drives", "--drives", "4", "--json", "-")
+    report = json.loads(said)
+    assert code == 0 and report["bad"] == [] and report["drives"] == 4
+    assert sum(kind["drives"] for kind in report["kinds"].values()) == 4
+
+
+@pytest.mark.slow
+def test_drives_by_sigma_are_counted_for_each_error() -> None:
+    code, said = run("simulate", "drives", "--drives", "2", "--by-sigma", "--json", "-")
+    report = json.loads(said)
+    assert code == 0 and list(report["sigmas"]) == ["0.0", "0.5", "1.0", "2.0"]
+    for outcomes in report["sigmas"].values():
+        assert outcomes["completed"] + outcomes["aborted"] == 2 and outcomes["bad"] == 0
+    assert "sigma 0.5 m" in run("simulate", "drives", "--drives", "1", "--by-sigma")[1]
+
+
+def test_app_2_a_bad_drive_is_exit_code_1_and_named_by_its_seed() -> None:
+    args = ["--drives", "8", "--without", "any"]
+    code, said = run("simulate", "drives", *args)
+    assert code == 1 and "seed " in said and "braking 8.0 m/s²" in said
+    code, _ = run("simulate", "drives", "--without", "eyes")
+    assert code == 2
+
+
+def test_a_lane_change_that_is_not_done_is_exit_code_1(tmp_path: Path) -> None:
+    args = ["--loss", "1", "--seconds", "9", "--out", str(tmp_path)]
+    assert run("simulate", "lane-change", *args)[0] == 1
+
+
+def test_a_folder_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert run("simulate", "lane-change", "--out", str(tmp_path / "file"))[0] == 3
+
+
+@pytest.mark.slow
+def test_without_matplotlib_there_are_no_plots_and_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "available", lambda: False)
+    done = automcm("simulate", "lane-change", "--out", tmp_path)
+    assert done.exit_code == 0 and "install automcm[plot]" in done.output
+
+
+@pytest.mark.slow
+def test_bench_station_has_every_figure_beside_a_baseline() -> None:
+    code, said = run("bench", "station", "--seconds", "0.2", "--json", "-")
+    report = json.loads(said)
+    core = report["core"]
+    assert code == 0 and min(core["core_us"], core["lookup_us"], core["decode_us"]) > 0
+    assert sum(each["messages"] for each in core["by_type"].values()) == core["messages"]
+    assert {"Ack", "CAM", "Cancel", "Fin"} < core["by_type"].keys()
+    assert all(min(each.values()) > 0 for each in core["by_type"].values())
+    assert {s["loss"] for s in report["sessions"]} == {0.0, 0.2, 0.6}
+    perfect = [s for s in report["sessions"] if s["loss"] == 0]
+    assert all(s["agreed"] == s["sessions"] for s in perfect)
+    memory = report["memory"]
+    assert memory["stations"] == 1000
+    assert memory["idle"] < memory["waiting"] < memory["acting"] < 100_000
+    assert [c["codec"] for c in report["codings"]] == ["json", "uper"]
+
+
+@pytest.mark.slow
+def test_bench_station_prints_ratios() -> None:
+    code, said = run("bench", "station", "--seconds", "0.2")
+    assert code == 0 and "times that" in said and "bytes a station" in said
+
+
+@pytest.mark.slow
+def test_bench_radio_is_beside_a_coin_for_each_receiver() -> None:
+    code, said = run("bench", "radio", "--seconds", "0.1", "--json", "-")
+    rates = json.loads(said)["rates"]
+    assert code == 0 and [rate["vehicles"] for rate in rates] == [10, 50, 100, 200]
+    assert all(rate["table"] > 0 and rate["coins"] > 0 for rate in rates)
+    receptions = [rate["receptions"] for rate in rates]
+    assert receptions == sorted(set(receptions))
+
+
+@pytest.mark.slow
+def test_bench_security_has_baselines_of_the_same_run() -> None:
+    code, said = run("bench", "security", "--seconds", "0.1", "--json", "-")
+    report = json.loads(said)
+    assert code == 0 and report["certificate"] < 200
+    assert {each["codec"] for each in report["sizes"]} == {"json", "uper"}
+    assert all(0 < each["digest"] < each["certificate"] < 300 for each in report["sizes"])
+    link, alone, bare, _ = report["rates"]
+    assert 0 < link["verifications"] < bare["verifications"]
+    assert 0 < alone["signatures"] < bare["signatures"]
+    assert 0 < report["latency_us"]["p50"] <= report["latency_us"]["p99"]
+    assert set(report["needed"]) == {"50", "200"}
+
+
+@pytest.mark.slow
+def test_bench_security_prints_ratios() -> None:
+    code, said = run("bench", "security", "--seconds", "0.1")
+    assert code == 0
+    for part in ("with certificate", "to openssl", "secured link", "at p99", "of a core"):
+        assert part in said
+
+
+def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = partial(kernel_bench.run, points=(40,), pairs=(1, 4))
+    monkeypatch.setattr(kernel_bench, "run", small)
+    code, said = run("bench", "kernels", "--seconds", "1")
+    assert code == 0 and "to floor" in said and "pairs" in said
+
+
+def test_traffic_without_sumo_is_exit_code_3_and_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    earlier = tmp_path / "1.ndjson"
+    earlier.write_text("a log")
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    done = automcm("simulate", "traffic", "--out", tmp_path)
+    assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
+    assert earlier.exists()
+
+
+def test_an_unknown_scenario_is_a_usage_error_that_lists_them(tmp_path: Path) -> None:
+    done = automcm("simulate", "traffic", "--scenario", "fly", "--out", tmp_path)
+    assert done.exit_code == 2 and "lane-change-4" in done.output
+    assert automcm("simulate", "traffic", "--penetration", "2").exit_code == 2
+
+
+def _run_of(values: dict[str, Any]) -> dict[str, Any]:
+    """What a run of seed 3 found wrong."""
+    wrong = ["1 collisions by a maneuver"] if values["seed"] == 3 else []
+    return {
+        **dict.fromkeys(("requested", "agreed", "completed", "hazards", "longest_ms"), 1),
+        "collisions": {name: len(wrong) for name in COLLISIONS},
+        "command": "automcm simulate traffic --seed 3",
+        "wrong": wrong,
+    }
+
+
+def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = []
+
+    def checked(values: dict[str, Any]) -> dict[str, Any]:
+        ran.append((values["scenario"], values["seed"]))
+        return _run_of(values)
+
+    monkeypatch.setattr(traffic_sweep_command, "_checked", checked)
+    monkeypatch.setattr(sumo_mover, "sumo_home", lambda: tmp_path)
+    only = ("--scenario", "merge", "--scenario", "crossing", "--workers", "1")
+    sweep = ("simulate", "traffic-sweep", *only, "--out", str(tmp_path))
+    done = automcm(*sweep, "--seeds", "3")
+    assert done.exit_code == 0 and len(ran) == 6
+    done = automcm(*sweep, "--seeds", "4")
+    assert done.exit_code == 1 and ran[6:] == [("merge", 3), ("crossing", 3)]
+    assert "merge, seed 3: 1 collisions by a maneuver" in done.stdout
+    assert "automcm simulate traffic --seed 3" in done.stdout
+    done = automcm(*sweep, "--seeds", "4", "--json", "-")
+    report = json.loads(done.stdout)
+    assert report["scenarios"]["crossing"]["runs"] == 4 and len(report["bad"]) == 2
+    page = tmp_path / "sweep.md"
+    automcm(*sweep, "--seeds", "4", "--page", str(page))
+    assert f"code {report['code']}" in page.read_text()
+    assert "--scenario merge --scenario crossing --seeds 4 --page FILE`" in page.read_text()
+    assert "| crossing | 4 | 1 |" in page.read_text()
+    assert "Repeat it: `automcm simulate traffic --seed 3" in page.read_text()
+    automcm(*sweep, "--seeds", "2", "--seed", "1", "--twice-every", "0", "--page", str(page))
+    assert "--seeds 2 --seed 1 --twice-every 0 --page" in page.read_text()
+    automcm(*sweep, "--seeds", "3", "--page", str(page))
+    assert "No run was bad." in page.read_text()
+    assert len(ran) == 8 and len((tmp_path / "cells.ndjson").read_text().splitlines()) == 9
+
+
+def test_a_traffic_sweep_needs_sumo_and_known_scenarios(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    done = automcm("simulate", "traffic-sweep", "--out", str(tmp_path))
+    assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
+    done = automcm("simulate", "traffic-sweep", "--scenario", "fly", "--out", str(tmp_path))
+    assert done.exit_code == 2 and "lane-change-4" in done.output
+
+
+def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
+    good = sorted((CORPUS / "pair").glob("*.ndjson"))
+    bad = CORPUS / "bad" / "busy_accepted.ndjson"
+    assert len(good) > 1 and traffic_sweep_command.not_allowed(good) == []
+    (line,) = traffic_sweep_command.not_allowed([bad])
+    assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")
+
+
+@pytest.mark.parametrize("wrong", [("--scenario", "fly"), ("--seconds", "4000")])
+def test_the_bench_names_a_wrong_setting(wrong: tuple[str, str]) -> None:
+    answer = automcm("bench", "traffic", *wrong)
+    assert answer.exit_code == 2 and wrong[1] in answer.output
+
+
+def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    """The record lists the first five."""
+    hazards = {"bound_ms": 1540, "lengths": {"none": [3] * 6, "cam_loss": [40, 1541]}, "wrong": []}
+    record = {
+        "collisions": dict.fromkeys(COLLISIONS, 0),
+        "hazards": hazards,
+        "sessions": dict.fromkeys(("requested", "agreed", "completed"), 0),
+        "radio": {"sent_bytes": 1, "cam_age_ms": {"p95": 2}, "longest_delay_ms": 50},
+        "outcome": {},
+    }
+    traffic_command._say(record, Path("out"), None)
+    said = capsys.readouterr().out
+    assert "8, longest 1541 ms, 7 unexcused (S-5) or beyond B = 1540 ms" in said
+    assert "T-2 and TLC assume less than 50 ms" in said
+    record["radio"]["longest_delay_ms"] = 49
+    traffic_command._say(record, Path("out"), None)
+    assert "assume less" not in capsys.readouterr().out

@@ -1,0 +1,287 @@
+"""Hazards under faults: their measurement, that it can fail, and the page."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm.core import rules
+from automcm.core.state import State
+from automcm.links.simulated_radio import Channel
+from automcm.service.service import McService
+from automcm_evaluation.framework.experiment import Cell
+from automcm_evaluation.safety import safety, safety_tables
+from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
+from automcm_evaluation.safety.faults import CUTS, KINDS, Fault, drawn, inject
+from automcm_evaluation.sweeps.sweep import canonical, run_cell
+from automcm_simulation.road.hazard_measures import Watched, bound_ms
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.reader import read
+from automcm_spec.model_checking import models
+from automcm_spec.vocabulary.messages import Fin, Session
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_spec.vocabulary.rules import RULES as RULE_IDS
+from automcm_traces.system.properties import judge
+
+Json = Any
+B = 1540
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def simulate(
+    faults: list[Fault],
+    ablation: Ablation = WHOLE,
+    *,
+    loss: float = 0.0,
+    maneuver_ms: int = 9000,
+    refuses: int = 0,
+    again_ms: int = 0,
+    seed: int = 1,
+    logs: Path | None = None,
+    prepare: Any = lambda watched: None,
+) -> safety.Outcome:
+    """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
+    plan = safety.Plan(loss, faults, maneuver_ms, refuses, again_ms)
+    channel = Channel(loss=loss, duplicate=0.1)
+    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    prepare(watched)
+    return safety.simulated(watched, plan, ablation.parameters)
+
+
+def lengths(found: safety.Outcome) -> list[tuple[str, int]]:
+    return [(hazard.excuse, hazard.length_ms) for hazard in found.hazards]
+
+
+# -- the bound
+
+
+def test_t_2_the_bound_and_what_it_supposes() -> None:
+    assert bound_ms(Parameters(), 40) == B
+    assert bound_ms(Parameters(t_cam_loss=1100), 0) == 1100
+    for parameters, delay in (
+        (Parameters(), 50),
+        (Parameters(), -1),
+        (Parameters(t_cam=40), 40),
+        (Parameters(t_cam=1000, t_cam_loss=1040), 40),
+    ):
+        with pytest.raises(ValueError, match=r"delay_ms|t_cam"):
+            bound_ms(parameters, delay)
+
+
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize(
+    ("kind", "loss"),
+    [("target restarts", 0.0), ("target aborts", 0.6), ("cut forth", 0.4), ("cut both ways", 0.2)],
+)
+def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
+    kind: str, loss: float, tmp_path: Path
+) -> None:
+    seen = 0
+    for seed in range(3):
+        logs = tmp_path / str(seed)
+        logs.mkdir()
+        fault = Fault(kind, 4000 + 37 * seed, 8000)
+        found = simulate([fault], loss=loss, seed=seed, logs=logs)
+        judged = judge([read(path) for path in sorted(logs.iterdir())])
+        theirs = [h for h in judged.hazards if h.length is None or h.length.best > 0]
+        excuses = {"aborts": "abort", "loses the CAMs": "cam_loss", "restarts": "restart"}
+        assert [
+            (next(e for text, e in excuses.items() if text in h.fault), h.length and h.length.best)
+            for h in theirs
+        ] == lengths(found)
+        for h in theirs:
+            assert h.bound is not None and h.excused
+            # the judge knows of the delay only that it is below half of t_resend
+            assert h.bound.ms - 50 == bound_ms(Parameters(), 40) - 40
+            assert h.outcome == "within"
+        seen += len(theirs)
+    assert seen
+
+
+# -- that it can fail
+
+RESTART, CUT = Fault("target restarts", 4000, 0), Fault("cut forth", 4000, 9000)
+SECOND = Fault("second prescriber", 4000, 4000)
+CRASH = Fault("target crashes", 4000, 9000)
+
+
+@pytest.mark.parametrize(
+    ("faults", "protocol", "maneuver_ms", "excuse", "least", "most"),
+    [
+        ([], WHOLE.name, 60_000, None, 0, 0),
+        ([], "lease from the Acceptance", 60_000, "", 1, 199),
+        ([RESTART], WHOLE.name, 60_000, "restart", 1401, B),
+        ([RESTART], "plain CAMs count", 60_000, "restart", 8001, 9999),  # until the lease
+        ([RESTART], "no CAM-loss fallback", 9000, "restart", B + 1, 60_000),
+        ([CUT], WHOLE.name, 9000, "cam_loss", 0, 40),  # the Cancel ends it at once
+        ([CUT], "silent CAM-loss fallback", 9000, "cam_loss", 1401, B),
+        ([CUT], "no CAM-loss fallback", 9000, None, 0, 0),
+        ([SECOND], WHOLE.name, 9000, None, 0, 0),
+        ([SECOND], "no busy refusal", 9000, "", 1001, 60_000),  # it acts on, in the other session
+        ([Fault("target crashes", 4000, 5000)], WHOLE.name, 9000, "crash", 1401, B),
+        ([Fault("prescriber crashes", 4000, 5000)], WHOLE.name, 9000, None, 0, 0),
+        ([CRASH, Fault("prescriber crashes", 4500, 9000)], WHOLE.name, 9000, "crash", 500, 500),
+    ],
+)
+def test_s_5_act_2_act_5_neg_4_a_mechanism_ends_or_prevents_a_hazard(
+    faults: list[Fault], protocol: str, maneuver_ms: int, excuse: str | None, least: int, most: int
+) -> None:
+    found = lengths(simulate(faults, BY_NAME[protocol], maneuver_ms=maneuver_ms))
+    assert [name for name, _ in found] == ([] if excuse is None else [excuse])
+    assert all(least <= length <= most for _, length in found)
+
+
+@pytest.mark.parametrize("without", ["plain CAMs count", "lease from the Acceptance"])
+def test_what_was_proved_and_does_not_hold_is_told_with_its_seed(
+    without: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": 12}
+    values["delay_ms"] = 40
+    fine = safety.run(values, 1)
+    assert fine["wrong"] == [] and fine["with_hazard"] > 2
+    whole = replace(BY_NAME[without], name=WHOLE.name)
+    monkeypatch.setitem(BY_NAME, WHOLE.name, whole)
+    bad = safety.run(values, 1)
+    (first, *_) = safety_tables._broken([Cell(values, bad)])
+    assert first.startswith("T-2: longer" if without.startswith("plain") else "S-5: without")
+    one = bad["wrong"][0]
+    assert f"safety.drive({canonical(values)}, {one['seed']})" in first
+    again = safety.drive(values, one["seed"])
+    assert (one["excuse"], one["ms"]) in lengths(again)
+    assert safety_tables._broken([Cell(values, fine)]) == []
+
+
+def test_a_station_that_never_comes_free_is_told() -> None:
+    assert simulate([], BY_NAME["no lease"], maneuver_ms=600_000).stuck
+    assert not simulate([], maneuver_ms=600_000).stuck
+
+
+# -- what is taken away
+
+
+def test_every_ablation_names_what_there_is() -> None:
+    assert len(BY_NAME) == len(ABLATIONS) + 1
+    for ablation in ABLATIONS:
+        assert ablation.rule in RULE_IDS
+        assert ablation.model in {model.cfg for model in models.load()}
+
+
+def test_an_ablation_changes_rows_of_its_own_rule() -> None:
+    elsewhere = {
+        "lease from the Acceptance": {"NEG-6"},
+        "free after breaking off": {"END-1", "ACT-2", "ACT-4"},
+    }
+    assert WHOLE.rules is rules.RULES and WHOLE.parameters == PARAMETERS
+    for ablation in ABLATIONS:
+        other = ablation.marks != WHOLE.marks or ablation.parameters != PARAMETERS
+        rows = {
+            row.rule
+            for kind, own in rules.RULES.items()
+            for row, other in zip(own, ablation.rules[kind], strict=True)
+            if row is not other
+        }
+        assert rows or other, ablation.name
+        if rows and ablation.rule != "END-4":  # the guard of many rows
+            assert ablation.rule in rows or rows == elsewhere[ablation.name], ablation.name
+
+
+def test_a_service_runs_on_what_the_ablation_hands_it(tmp_path: Path) -> None:
+    ablation = BY_NAME["mark dropped with the Fin"]
+    finished = State(outbox=(Fin(src=1, dst=2, session=(1, 1), seq=4),))
+    assert WHOLE.marks(finished) == ((1, 1),) and ablation.marks(finished) == ()
+    simulate([], replace(ablation, marks=lambda st: ((7, 7),)), logs=tmp_path)
+    sent = (safety.ROLES.prescriber, safety.ROLES.target)
+    cams = [
+        line
+        for station in sent
+        for line in (tmp_path / f"{station}.ndjson").read_text().splitlines()
+        if '"send"' in line and '"CAM"' in line
+    ]
+    assert len(cams) > 50 and all('"marks":[[7,7]]' in line for line in cams)
+
+
+def deaf_to_acks(watched: Watched) -> None:
+    """No Ack of the prescriber gets through; CAMs do."""
+    send = watched.radio._send
+
+    def some(src: int, data: bytes, to: int, tx: str) -> None:
+        if not (b'"Acceptance"' in data and b'"Ack"' in data):
+            send(src, data, to, tx)
+
+    watched.radio._send = some  # type: ignore[method-assign]
+
+
+def test_neg_9_a_commitment_outlives_its_acceptance() -> None:
+    assert lengths(simulate([], prepare=deaf_to_acks)) == []
+    abandoned = simulate([], BY_NAME["Acceptance abandoned"], prepare=deaf_to_acks)
+    ((excuse, length),) = lengths(abandoned)
+    assert excuse == "" and 1400 < length <= B
+
+
+def test_l_2_without_retransmission_fewer_agree() -> None:
+    def agreed(ablation: Ablation) -> int:
+        return sum(simulate([], ablation, loss=0.4, seed=s).agreed for s in range(12))
+
+    assert agreed(WHOLE) == 12 and agreed(BY_NAME["no retransmission"]) < 8
+
+
+# -- faults
+
+
+def test_faults_begin_in_their_window_and_end_later() -> None:
+    faults = drawn(KINDS, (100, 200), random.Random(1))
+    assert [fault.kind for fault in faults] == list(KINDS)
+    assert all(100 <= fault.at_ms <= 200 < fault.until_ms for fault in faults)
+    assert len({fault.at_ms for fault in faults}) > 5
+    assert inject([], Watched(), safety.ROLES) == 0
+
+
+@pytest.mark.sweep(4)
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_fault_changes_what_happens(kind: str) -> None:
+    quiet = simulate([])
+    assert (quiet.agreed, quiet.completed, quiet.in_vain, quiet.stuck) == (1, 1, 0, False)
+    hit = simulate([Fault(kind, 4000, 8000)])
+    assert hit != quiet or kind == "second prescriber"
+    assert simulate([Fault("second prescriber", 15_000, 15_000)]).agreed == 2
+
+
+def test_a_cut_that_is_over_early_is_survived() -> None:
+    for kind in CUTS:
+        short, long = (simulate([Fault(kind, 4000, until)]) for until in (4900, 7000))
+        assert (short.completed, short.in_vain, short.hazards) == (1, 0, [])
+        assert long.completed == 0
+
+
+def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[int, str]] = []
+
+    def fallback(self: Straight, session: Session, reason: str) -> None:
+        assert isinstance(self.service, McService)
+        told.append((self.service.station_id, reason))
+
+    monkeypatch.setattr(Straight, "fallback", fallback)
+    for who, station_id in (("prescriber", 1001), ("target", 2002)):
+        for what in ("abort", "restart"):
+            told.clear()
+            simulate([Fault(f"{who} {what}s", 4000, 5000)])
+            assert (station_id, what) in told
+        told.clear()
+        simulate([Fault(f"{who} crashes", 4000, 5000)])
+        assert (station_id, "crash") in told
+
+
+# -- the experiment
+
+
+def test_equal_seeds_give_equal_cells_in_any_order() -> None:
+    some = safety.cells(safety.Safety(drives=2, ablated=2, classes=2, road=1))
+    assert len({str(values) for values in some}) == len(some)
+    picked = [some[1], some[45], some[55], some[-1]]
+    first = [run_cell("safety", values, 1) for values in picked]
+    assert [run_cell("safety", values, 1) for values in reversed(picked)] == first[::-1]
+    assert first != [run_cell("safety", values, 2) for values in picked]

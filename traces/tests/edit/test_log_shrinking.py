@@ -1,0 +1,344 @@
+"""Failing logs are shrunk to nearly the shortest, and what is wrong in them stays the same."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from merged_runs import simulated
+
+from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_spec.graph.oracle import Answer, Oracle, load
+from automcm_spec.graph.oracle_generation import ONE_PEER
+from automcm_spec.log_format.reader import read
+from automcm_spec.vocabulary.rules import kind
+from automcm_spec.vocabulary.station import Cam, Entry, Expire, Input
+from automcm_traces.edit.log_shrinking import NothingToShrink, Shrunk, masked, shrink
+from automcm_traces.edit.log_slice import LogSlice
+from automcm_traces.explain.explain import explain_file, explain_files
+from automcm_traces.explain.lint import report
+from automcm_traces.system.properties import judge
+
+Json = Any
+CORPUS = Path(__file__).parents[2] / "corpus"
+
+
+# -- ten seeded faults in long logs, and the shortest log of each
+
+
+def last(log: Edited, ev: str, **wanted: Json) -> int:
+    """The line of the last such event."""
+    found, nth = 0, 1
+    while True:
+        try:
+            found = log.find(ev, nth, **wanted)
+        except LookupError:
+            return found
+        nth += 1
+
+
+def dropped(ev: str, **wanted: Json) -> Callable[[Edited], None]:
+    return lambda log: log.drop(last(log, ev, **wanted))
+
+
+def changed(part: str, change: Json, ev: str, **wanted: Json) -> Callable[[Edited], None]:
+    def edit(log: Edited) -> None:
+        record = log.at(last(log, ev, **wanted))
+        (record[part] if part else record).update(change)
+
+    return edit
+
+
+def again(ev: str, **wanted: Json) -> Callable[[Edited], None]:
+    def edit(log: Edited) -> None:
+        line = last(log, ev, **wanted)
+        log.records.insert(line, json.loads(json.dumps(log.at(line))))
+
+    return edit
+
+
+def longer(ev: str, ms: int, **wanted: Json) -> Callable[[Edited], None]:
+    def edit(log: Edited) -> None:
+        log.at(last(log, ev, **wanted))["deadline"] += ms
+
+    return edit
+
+
+COPIES = 20
+"""Copies of the Advertisement that are due while the window is open: t_advertise / t_resend."""
+TEN = [
+    # station, edit; of the shortest: rule, phase before, input, lines of the last step
+    (2002, dropped("timer", op="stop", name="hold"), "NEG-1", "WAITING", "receive Prescription", 4),
+    (2002, dropped("indication", name="finished"), "ACT-3", "ACTUATING", "receive Fin", 5),
+    (2002, again("send", type="Intention"), "REL-1", "INTENDING", "expire resend Intention", 3),
+    (2002, longer("timer", 1000, op="arm", name="lease"), "NEG-2", "NEGOTIATING",
+     "command accept", 2),
+    (2002, changed("message", {"seq": 9}, "send", type="Acceptance", accepted=True),
+     "REL-1", "ACTUATING", "expire resend Acceptance", 2),
+    (2002, dropped("timer", op="arm", name="hold"), "ADV-6", "INTENDING", "receive Ack", 3),
+    (1001, longer("timer", 1, op="arm", name="advertise"), "ADV-1", "STANDALONE",
+     "command request", 2),
+    (1001, dropped("timer", op="arm", name="cam"), "ACT-5", "ACTUATING", "cam", 1),
+    (1001, changed("message", {"seq": 9}, "send", type="Fin", seq=3), "ACT-3", "ACTUATING",
+     "command complete", 2),
+    (1001, longer("timer", 1, op="arm", name="answer"), "PRE-4", "PRESCRIBING", "receive Ack", 2),
+]  # fmt: skip
+QUICK = (1, 4, 6)
+"""Of both stations, and of what is missing, changed and too late; the others are deep."""
+
+
+@pytest.fixture(scope="module")
+def long_logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five sessions, one copy in four lost, a bystander."""
+    folder = tmp_path_factory.mktemp("long")
+    asks = (500, 20_000, 40_000, 60_000, 80_000)
+    simulated(folder, 1001, 2002, seed=7, loss=0.25, asks=asks, until=100_000)
+    return folder
+
+
+@cache
+def one_peer() -> Oracle:
+    """The graph of one station and a peer."""
+    return load(ONE_PEER.path)
+
+
+def shortest(rule: str, role: str, phase: str, cause: str, last_step: int) -> int:
+    """How many events the shortest log has in which an input of this kind, in this phase and role,
+    is decided by this rule: a shortest path in the graph of the specification."""
+    graph = one_peer()
+    before = (phase, "none" if phase == "STANDALONE" else role)
+    there = (s for s in shortest_ways() if graph.states[s][:2] == before)
+    found = (
+        shortest_ways()[state] + last_step
+        for state in there
+        for answer in graph.answers(state)
+        if answer.effect.rule == rule and cause_of(graph.inputs[answer.input]) == cause
+    )
+    return min(found)
+
+
+@cache
+def shortest_ways() -> dict[int, int]:
+    """How many events it takes to each state.  A step has its input and its effects; before the
+    window closes the copies are sent."""
+    graph = one_peer()
+    best = {0: 0}
+    heap = [(0, 0)]
+    while heap:
+        cost, state = heapq.heappop(heap)
+        if cost > best[state]:
+            continue
+        for answer in graph.changes(state):
+            after = cost + events_of(answer, graph.inputs[answer.input])
+            if after < best.get(answer.next, 10**9):
+                best[answer.next] = after
+                heapq.heappush(heap, (after, answer.next))
+    return best
+
+
+def events_of(answer: Answer, value: Input) -> int:
+    effect = answer.effect
+    told = effect.indication[0] != "nothing"
+    copies = 3 * COPIES if value == Expire("expire", ("advertise",)) else 0
+    return 1 + len(effect.messages) + len(effect.arm) + len(effect.stop) + told + copies
+
+
+def cause_of(value: Input) -> str:
+    match value:
+        case Expire(timer=(name, Entry() as entry)):
+            return f"expire {name} {entry.type}"
+        case Cam():
+            return "cam"
+    return kind(value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "n", [n if n in QUICK else pytest.param(n, marks=pytest.mark.deep) for n in range(10)]
+)
+def test_ten_long_failing_logs_shrink_to_nearly_the_shortest(
+    n: int, long_logs: Path, tmp_path: Path
+) -> None:
+    station, edit, rule, phase, cause, last_step = TEN[n]
+    log = Edited((long_logs / f"{station}.ndjson").read_bytes())
+    edit(log)
+    path = tmp_path / "long.ndjson"
+    path.write_bytes(log.text())
+    found = shrink([path])
+    assert (found.finding.rule, found.ended) == (rule, False)
+    (small,) = found.logs
+    role = "prescriber" if station == 1001 else "receiver"
+    bound = shortest(rule, role, phase, cause, last_step)
+    assert bound <= len(small.items) <= 1.5 * bound
+    print(f"fault {n}: {len(log.records) - 2} events, {len(small.items)} are left, {bound} need be")
+
+
+# -- the corpus
+
+
+def written(found: Shrunk, folder: Path) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    paths = [folder / Path(log.file).name for log in found.logs]
+    for path, log in zip(paths, found.logs, strict=True):
+        path.write_bytes(log.text())
+    return paths
+
+
+INDEX = json.loads((CORPUS / "index.json").read_text())
+BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "diverges"]
+"""Every second one is deep."""
+
+
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize(
+    "entry",
+    [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],
+    ids=[Path(e["file"]).stem for e in BAD],
+)
+def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -> None:
+    paths = [CORPUS / entry["file"]]
+    paths += [CORPUS / entry["beside"]] if "beside" in entry else []
+    before = explain_files(paths)[0]
+    found = shrink(paths)
+    small = written(found, tmp_path)
+    after = explain_files(small)
+    assert (after[0].verdict, after[0].finding.rule) == ("diverges", before.finding.rule)
+    assert after[0].finding.at.line == found.line_now
+    assert after[0].finding.observed.split()[:2] == before.finding.observed.split()[:2]
+    assert [v.verdict for v in after[1:]] == ["allowed"] * (len(after) - 1)
+    assert masked(after[0].finding.why.state) == masked(before.finding.why.state)
+    for path, given in zip(small, paths, strict=False):
+        assert report(path).errors <= report(given).errors
+    original = explain_steps(paths)
+    for log in found.logs:
+        for step in log.steps():
+            lines = {item.line for item in step}
+            assert any(lines <= one for one in original[log.file]), "made of two steps"
+
+
+def explain_steps(paths: list[Path]) -> dict[str, list[set[int]]]:
+    logs = [LogSlice.read(path) for path in paths]
+    return {log.file: [{item.line for item in step} for step in log.steps()] for log in logs}
+
+
+def test_a_forged_message_is_shrunk_with_the_log_of_its_sender() -> None:
+    found = shrink([CORPUS / "bad/forged_content.ndjson", CORPUS / "pair/1001.ndjson"])
+    assert [Path(log.file).name for log in found.logs] == ["forged_content.ndjson", "1001.ndjson"]
+    assert sum(len(log.items) for log in found.logs) <= 47
+    tx = next(i.event.tx for i in found.logs[0].items if i.line == found.finding.at.line)  # type: ignore[union-attr]
+    assert tx in [getattr(item.event, "tx", "") for item in found.logs[1].items]
+
+
+def test_what_is_wrong_only_beside_another_log_keeps_one(tmp_path: Path) -> None:
+    """A message received under an id that its own station never sent: explain compares two logs."""
+    log = Edited((CORPUS / "pair/2002.ndjson").read_bytes())
+    log.at(log.find("receive"))["tx"] = "2002:99999"
+    path = tmp_path / "2002.ndjson"
+    path.write_bytes(log.text())
+    found = shrink([path, CORPUS / "pair/1001.ndjson"], tries=200)
+    assert found.finding.kind == "forged" and len(found.logs) == 2
+    (small := tmp_path / "small").mkdir()
+    after = explain_files(written(found, small))
+    assert [v.finding.kind for v in after] == ["forged", "nothing"]
+
+
+def test_a_log_that_is_wrong_by_itself_needs_no_other() -> None:
+    found = shrink([CORPUS / "pair/1001.ndjson", CORPUS / "bad/hold_not_armed.ndjson"])
+    assert [Path(log.file).name for log in found.logs] == ["hold_not_armed.ndjson"]
+    assert "pair/1001.ndjson: is not needed" in "\n".join(found.text())
+
+
+def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path: Path) -> None:
+    """S-4: each log is allowed, both act, and not on the same proposal."""
+    paths = sorted((CORPUS / "counterexamples/memory_dropped").iterdir())
+    assert {v.verdict for v in explain_files(paths)} == {"allowed"}
+    found = shrink(paths)
+    assert found.finding.property == "S-4"
+    assert len(found.logs) == 2
+    assert sum(len(log.items) for log in found.logs) < sum(found.before.values())
+    small = written(found, tmp_path)
+    assert {v.verdict for v in explain_files(small)} == {"allowed"}
+    judged = {j.property: j.outcome for j in judge([read(path) for path in small]).properties}
+    assert judged["S-4"] == "violated"
+
+
+@pytest.mark.slow
+def test_the_same_logs_give_the_same_bytes() -> None:
+    paths = [CORPUS / "bad/lease_longer.ndjson"]
+    texts = [[log.text() for log in shrink(paths).logs] for _ in range(2)]
+    assert texts[0] == texts[1]
+
+
+def test_what_is_left_is_moved_together() -> None:
+    """A round that is left out leaves no gap: not in time, not in seq, not in proposals."""
+    (log,) = shrink([CORPUS / "bad/another_trajectory.ndjson"]).logs
+    proposals = {i.record["message"]["proposal"] for i in log.items if "proposal" in str(i.record)
+                 and "message" in i.record}  # fmt: skip
+    assert proposals == {1}
+    times = [item.event.t_ms for item in log.items]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < 100
+
+
+@pytest.mark.slow
+def test_a_log_of_other_promises_keeps_them(tmp_path: Path) -> None:
+    """Without timers promised, what is unseen is supposed; the header stays as it is."""
+    log = Edited((CORPUS / "bad/another_trajectory.ndjson").read_bytes())
+    log.at(1)["complete"] = ["command", "receive", "send"]
+    path = tmp_path / "some.ndjson"
+    path.write_bytes(log.text())
+    before = explain_file(path)
+    assert before.verdict == "diverges"
+    found = shrink([path], tries=200)
+    small = written(found, tmp_path / "small")[0]
+    assert json.loads(small.read_bytes().splitlines()[0]) == log.at(1)
+    assert explain_file(small).verdict == "diverges"
+    assert explain_file(small).finding.rule == before.finding.rule
+
+
+@pytest.mark.slow
+def test_an_end_stays_and_what_is_without_stays_without(tmp_path: Path) -> None:
+    text = (CORPUS / "bad/lease_longer.ndjson").read_bytes()
+    path = tmp_path / "no_end.ndjson"
+    path.write_bytes(b"".join(text.splitlines(keepends=True)[:-1]))
+    (log,) = shrink([path]).logs
+    assert b'"end"' not in log.text()
+    (log,) = shrink([CORPUS / "bad/lease_longer.ndjson"]).logs
+    assert json.loads(log.text().splitlines()[-1])["seq"] == len(log.items)
+
+
+def test_the_number_of_tries_ends_the_search_and_is_told() -> None:
+    found = shrink([CORPUS / "bad/not_told_of_the_end.ndjson"], tries=3)
+    assert (found.tries, found.ended) == (3, True)
+    assert "--tries" in found.text()[-1]
+
+
+def test_allowed_logs_have_nothing_to_shrink() -> None:
+    with pytest.raises(NothingToShrink) as error:
+        shrink([CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"])
+    assert error.value.code == 1
+
+
+@pytest.mark.parametrize("name", ["lost_records", "seq_gap", "no_events"])
+def test_a_log_that_cannot_be_told_is_not_shrunk(name: str) -> None:
+    with pytest.raises(NothingToShrink, match="CANNOT TELL") as error:
+        shrink([CORPUS / f"bad/{name}.ndjson"])
+    assert error.value.code == 4
+
+
+def test_steps_in_a_row_go_together() -> None:
+    """NEG-4: of two sessions only the one in which the station is bound is needed."""
+    (log,) = shrink([CORPUS / "bad/busy_silent.ndjson"]).logs
+    assert len(log.items) <= 22
+
+
+@pytest.mark.parametrize("name", ["empty", "rubbish", "time_backwards"])
+def test_an_unreadable_log_is_refused_with_its_name(name: str) -> None:
+    with pytest.raises(NothingToShrink, match=name) as error:
+        shrink([CORPUS / f"bad/{name}.ndjson"])
+    assert error.value.code == 3

@@ -1,0 +1,343 @@
+"""What a log means.  Logs are the reference's own, and forged ones."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from edits import Edited, edited, find
+from merged_runs import simulated
+
+from automcm.links.simulated_radio import Channel, Radio
+from automcm_simulation.road.simulation import Simulation
+from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format import reader
+from automcm_spec.log_format.log import Event
+from automcm_spec.log_format.reader import read
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.checker.engine import Engine
+from automcm_traces.explain.explain import (
+    Verdict,
+    exit_code,
+    explain,
+    explain_file,
+    explain_files,
+    explained,
+    text,
+    together,
+)
+from automcm_traces.explain.lint import report
+from automcm_traces.viewer.page_run import load
+
+CORPUS = Path(__file__).parents[2] / "corpus"
+
+
+def four_stations(folder: Path, seed: int = 3, parameters: Parameters | None = None) -> list[Path]:
+    """One prescriber and three receivers, default parameters, real ids, 20 % loss."""
+    run: dict[str, Any] = {"seed": seed, "loss": 0.2, "duplicate": 0.1, "until": 10_000}
+    return simulated(folder, 1001, 2002, 3003, 4004, parameters=parameters, target=3003, **run)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return four_stations(tmp_path_factory.mktemp("logs"))
+
+
+def put(line: int, name: str, value: Any) -> Callable[[Edited], None]:
+    """Another value of a field of the message in a line."""
+    return lambda log: log.at(line)["message"].update({name: value})
+
+
+def later(first: int, ms: int, last: int | None = None) -> Callable[[Edited], None]:
+    """All that happens from one line on, to another or the end, is so much later."""
+
+    def edit(log: Edited) -> None:
+        for record in log.records[first - 1 : last]:
+            for name in {"t_ms", "deadline"} & record.keys():
+                record[name] += ms
+
+    return edit
+
+
+def spoilt(path: Path, folder: Path, edit: Callable[[Edited], object]) -> Verdict:
+    """What is said of the log with one thing changed."""
+    return explain(read(edited(path, folder, edit)))
+
+
+def where(verdict: Verdict) -> tuple[str, int, str]:
+    return verdict.verdict, verdict.finding.at.line, verdict.finding.rule
+
+
+def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
+    verdicts = explain_files(logs)
+    assert [v.verdict for v in verdicts] == ["allowed"] * 4
+    assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
+
+
+def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read_, fed = Counter[bytes](), Counter[tuple[int, int]]()
+
+    def parse(line: bytes, **first: bool) -> Any:
+        read_[line] += 1
+        return real_parse(line, **first)
+
+    def feed(self: Engine, at: int, event: Event) -> None:
+        fed[self.track.me, at] += 1
+        real_feed(self, at, event)
+
+    real_parse, real_feed = reader.parse, Engine.feed
+    monkeypatch.setattr(reader, "parse", parse)
+    monkeypatch.setattr(Engine, "feed", feed)
+    paths = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
+    for way in (lambda: together([explained(path) for path in paths]), lambda: load(paths)):
+        way()
+        assert len(read_) > 200 and set(read_.values()) == {1}
+        assert len(fed) > 200 and set(fed.values()) == {1}
+        read_.clear()
+        fed.clear()
+
+
+def test_msg_1_stations_that_overhear_everything_are_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a shared radio each hears what is meant for the others, Acks too."""
+    send = Radio._send
+    monkeypatch.setattr(Radio, "_send", lambda self, src, data, _, tx: send(self, src, data, 0, tx))
+    paths = four_stations(tmp_path)
+    overheard = find(paths[1], "receive", type="Ack", dst=3003)
+    assert overheard and exit_code(explain_files(paths)) == 0
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "verdict"), [(50, "diverges"), (None, "diverges"), (70, "allowed")]
+)
+def test_how_late_a_timer_may_be_can_be_told(
+    logs: list[Path], tmp_path: Path, late_ms: int | None, verdict: str
+) -> None:
+    """A log in which everything from the first expiry on is 60 ms later."""
+    late = edited(logs[0], tmp_path, later(find(logs[0], "timer", op="expire"), 60))
+    assert explain_files([late], late_ms)[0].verdict == verdict
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> None:
+    parameters = Parameters(t_timeout=(0, 1000, 2000)[seed % 3], max_rounds=1 + seed % 5, t_cam=500)
+    assert exit_code(explain_files(four_stations(tmp_path, seed, parameters))) == 0
+
+
+@pytest.mark.slow
+def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None:
+    for seed in range(4):
+        chance = random.Random(seed)
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        simulation = Simulation(seed=seed, channel=Channel(loss=0.3, duplicate=0.2), logs=folder)
+        for station in range(11, 17):
+            driver = Straight(refuse_first=chance.choice([0, 1, 2]), maneuver_ms=2000)
+            simulation.add(station, driver, Parameters(t_cam=500))
+        for _ in range(4):
+            simulation.request(chance.randrange(11, 17), at=chance.randrange(12_000))
+        simulation.restart(chance.randrange(11, 17), at=chance.randrange(3000, 9000))
+        simulation.command(12, Abort(session=(11, 1)), at=4000)
+        simulation.run(until=25_000)
+        verdicts = explain_files(sorted(folder.iterdir()))
+        assert [text(v) for v in verdicts if v.verdict != "allowed"] == []
+
+
+def mutated(value: Any) -> Any:
+    match value:
+        case bool():
+            return not value
+        case int():
+            return value + 1
+        case str():
+            return "Cancel" if value == "Fin" else value + "x"
+        case [first, *rest]:
+            return [mutated(first), *rest]
+        case {**fields}:
+            name = min(fields)
+            return fields | {name: mutated(fields[name])}
+    raise TypeError(value)
+
+
+def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path: Path) -> None:
+    tried = set()
+    for path in logs:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            record = json.loads(line)
+            if record.get("ev") != "send" or record["message"]["type"] == "CAM":
+                continue
+            message = record["message"]
+            for name in message:
+                if (message["type"], name) in tried:
+                    continue
+                tried.add((message["type"], name))
+                verdict = spoilt(path, tmp_path, put(number, name, mutated(message[name])))
+                assert where(verdict)[:2] == ("diverges", number), (message["type"], name, verdict)
+    assert {type_ for type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
+    assert {type_ for type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
+
+
+def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
+    verdict = spoilt(logs[0], tmp_path, put(number, "marks", []))
+    assert where(verdict) == ("diverges", number, "ACT-5")
+
+
+def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "receive", type="Advertisement")
+    changed = edited(logs[2], tmp_path, put(number, "scenario", "merge"))
+    assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
+    verdicts = explain_files([logs[0], changed])
+    assert where(verdicts[1]) == ("diverges", number, "forged")
+    assert verdicts[1].finding.expected == ('scenario: "lane_change" was sent, not "merge"',)
+
+
+def test_the_small_log_of_the_page_is_what_it_says(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs/trace-format.md").read_text()
+    (log,) = page.split("## A log of your own")[1].split("## Judge")[0].split("```\n")[1::2]
+    found = []
+    wrong = log.replace('"proposal":1,"accepted"', '"proposal":2,"accepted"')
+    for content in (log, wrong):
+        path = tmp_path / "log.ndjson"
+        path.write_text(content)
+        assert report(path, 0).verdict == "clean"
+        found.append(explain_file(path))
+    assert [v.verdict for v in found] == ["allowed", "diverges"]
+    last = found[1].finding
+    assert last.at.line == 7 and f"`{last.observed}`" in " ".join(page.split())
+
+
+def test_what_is_called_for_by_a_malformed_message_is_said(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    number = find(logs[2], "receive", type="Prescription")
+    wrong = edited(logs[2], tmp_path, put(number, "v", 2))
+    why = f"; the message of line {number} is malformed (v: must be at most 1)"
+    verdict = explain(read(wrong))
+    assert (verdict.finding.at.line, verdict.finding.observed) == (
+        number,
+        f"phase NEGOTIATING{why}",
+    )
+    wrong.write_text(wrong.read_text().replace(',"phase":"NEGOTIATING","role":"receiver"', ""))
+    verdict = explain(read(wrong))
+    assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
+    assert verdict.finding.observed == f"send Ack to 1001: no input calls for it{why}"
+
+
+def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[0], "send", type="Ack")
+    verdict = spoilt(logs[0], tmp_path, lambda log: log.drop(number))
+    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
+    assert (
+        verdict.finding.expected[0].startswith("send Ack")
+        and "OnIntention" in verdict.finding.why.guard
+    )
+
+
+def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "timer", op="arm")
+    verdict = spoilt(logs[2], tmp_path, lambda log: log.drop(number))
+    assert verdict.verdict == "diverges" and "arm" in verdict.finding.expected[0]
+
+
+def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "timer", op="arm")
+    event = Edited(logs[2].read_bytes()).at(number)
+    later_ = {"deadline": event["deadline"] + 1}
+    verdict = spoilt(logs[2], tmp_path, lambda log: log.at(number).update(later_))
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    duration = event["deadline"] - event["t_ms"]
+    assert verdict.finding.expected[0].endswith(f" for {duration} ms")
+    assert f" for {duration + 1} ms" in verdict.finding.observed
+
+
+def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
+    (path,) = simulated(tmp_path, 7, asks=[10], until=3000, parameters=Parameters(t_cam=1000))
+    number = find(path, "timer", op="expire")
+    verdict = spoilt(path, tmp_path, later(number, -1, number))
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    assert "too early" in verdict.finding.observed
+
+
+def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
+    head, rest = logs[1].read_text().split("\n", 1)
+    header = json.loads(head) | {"complete": ["receive", "timer"]}
+    path = tmp_path / "partial.ndjson"
+    path.write_text(json.dumps(header) + "\n" + rest)
+    verdict = explain(read(path))
+    assert (
+        verdict.verdict == "cannot_tell"
+        and "sent messages may be missing" in verdict.finding.observed
+    )
+    assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
+
+
+def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "lost.ndjson"
+    path.write_text(logs[1].read_text().replace('"lost_records":0', '"lost_records":5'))
+    verdict = explain(read(path))
+    assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.finding.observed
+
+
+def test_end_5_a_message_without_its_fields_calls_for_nothing(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    number = find(logs[1], "receive", type="Advertisement")
+    verdict = spoilt(logs[1], tmp_path, lambda log: log.at(number)["message"].pop("session"))
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    assert verdict.finding.observed.startswith("phase INTENDING; the message of line")
+    assert verdict.finding.expected == ("phase STANDALONE",)
+
+
+def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
+    (tmp_path / "empty.ndjson").write_text("")
+    verdicts = explain_files([tmp_path / "empty.ndjson", tmp_path / "none.ndjson"])
+    assert [v.verdict for v in verdicts] == ["unreadable", "unreadable"]
+    assert exit_code(verdicts) == 3 and "none.ndjson" in text(verdicts[1])
+
+
+def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "cut.ndjson"
+    path.write_text("".join(logs[2].read_text().splitlines(keepends=True)[:60]))
+    (verdict,) = explain_files([path])
+    assert verdict.verdict == "allowed" and len(verdict.warnings) == 1
+    assert "warning: " in text(verdict) and verdict.as_dict()["warnings"]
+
+
+def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "silent.ndjson"
+    lines = logs[2].read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
+    verdict = explain(read(path))
+    assert verdict.verdict == "cannot_tell" and "no event" in verdict.finding.observed
+
+
+def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> None:
+    """The same transmission ids in another run are other transmissions."""
+    other = tmp_path / "other.ndjson"
+    text_ = four_stations(tmp_path, 4)[0].read_text()
+    other.write_text(text_)
+    assert {v.verdict for v in explain_files([*logs[1:], other])} == {"allowed"}
+
+
+def test_a_late_timer_is_told_with_what_the_station_says_of_it(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    """The verdict stays: late_ms is a hint.  A tolerance as large as it says allows the log."""
+    n = find(logs[1], "timer", op="expire")
+    late = edited(logs[1], tmp_path, later(n, 900))
+    path = edited(late, tmp_path, lambda log: log.at(n).update(late_ms=900))
+    verdict = explain_file(path)
+    assert verdict.verdict == "diverges"
+    hint = f"the station reports that it was 900 ms late (late_ms, line {n})"
+    assert hint in verdict.finding.observed
+    assert "late_ms" not in explain_file(path, 1000).finding.observed

@@ -1,0 +1,114 @@
+"""A run as a picture: nothing that was sent or received is missing, and text stays text."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.reader import read
+from automcm_traces.export.svg_drawing import drawing
+from automcm_traces.system.log_merge import Merged, merge
+
+FOUR = Path(__file__).parents[2] / "corpus" / "four-vehicles"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def four(*stations: int) -> Merged:
+    return merge([read(FOUR / f"{station}.ndjson") for station in stations])
+
+
+def parts(text: str, name: str) -> list[ElementTree.Element]:
+    return list(ElementTree.fromstring(text).iter(SVG + name))
+
+
+def drawn(merged: Merged, kind: type[Send] | type[Receive]) -> int:
+    events = [merged.event(node) for node in merged.order]
+    return sum(
+        isinstance(e, kind) and e.message is not None and e.message["type"] != "CAM" for e in events
+    )
+
+
+def test_each_message_received_has_an_arrow_and_each_lost_one_a_cross() -> None:
+    merged = four(1001, 2002, 3003, 4004)
+    text = drawing(merged, unfold=True)
+    heads = [p for p in parts(text, "path") if re.search(r"m-?6 -4l", p.get("d", ""))]
+    crosses = [p for p in parts(text, "path") if "l8 8m0 -8l-8 8" in p.get("d", "")]
+    assert len(heads) == drawn(merged, Receive) > 50
+    sent = sum(
+        3 if "dst" not in e.message else 1
+        for node in merged.order
+        if isinstance(e := merged.event(node), Send) and e.message["type"] != "CAM"
+    )
+    twice = len(merged.again)
+    assert 0 < len(crosses) <= sent - len(heads) + twice
+    assert len(parts(text, "text")) > drawn(merged, Send)
+
+
+def test_copies_are_one_arrow_with_their_number() -> None:
+    merged = four(1001, 2002, 3003, 4004)
+    arrows = [parts(drawing(merged, unfold=unfold), "g") for unfold in (False, True)]
+    marks = [str(g[0].text).partition("\u00d7")[2] for g in arrows[0]]
+    assert sum(int(mark or 1) for mark in marks) == len(arrows[1]) > len(arrows[0]) + 40
+    assert all((len(g) > 2 and g[-1].text == f"\u00d7{m}") == bool(m)
+               for g, m in zip(arrows[0], marks, strict=True))  # fmt: skip
+
+
+def times(text: str) -> list[str | None]:
+    return [t.text for t in parts(text, "text") if t.get("class") == "t"]
+
+
+def test_times_count_from_the_first_event_whatever_the_clocks(tmp_path: Path) -> None:
+    """Clocks that show the time since 1970, one of them 3 s ahead."""
+    for name, ahead in (("1001", 1_732_300_000_000), ("2002", 1_732_300_003_000)):
+        lines = [json.loads(line) for line in (FOUR / f"{name}.ndjson").read_text().splitlines()]
+        for record in lines:
+            for field in {"t_ms", "deadline"} & record.keys():
+                record[field] += ahead
+        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in lines))
+    late = merge([read(tmp_path / name) for name in ("1001", "2002")])
+    first = merge([read(FOUR / f"{name}.ndjson") for name in ("1001", "2002")])
+    shown = [float(str(time).split()[0]) for time in times(drawing(late, unfold=True))]
+    wanted = [float(str(time).split()[0]) for time in times(drawing(first, unfold=True))]
+    assert wanted[0] < 1 and len(shown) == len(wanted)
+    assert all(abs(a - b) < 0.1 for a, b in zip(shown, wanted, strict=True))
+    assert str(times(drawing(late, absolute=True))[0]).startswith("17323000")
+
+
+def test_the_thick_lines_are_where_a_station_acts() -> None:
+    text = drawing(four(1001, 2002, 3003, 4004))
+    thick = [p.get("d", "") for p in parts(text, "path") if p.get("stroke-width") == "5"]
+    assert sorted({d.split(" ")[0] for d in thick}) == ["M160", "M540"]
+
+
+def test_a_station_without_a_log_has_a_line_and_what_it_gets_is_dashed() -> None:
+    text = drawing(four(1001, 2002))
+    assert [t.text for t in parts(text, "text")][:3] == ["1001", "2002", "3003"]
+    assert any(p.get("stroke-dasharray") for p in parts(text, "path"))
+
+
+def test_arrows_never_go_up_whatever_the_clocks_say(tmp_path: Path) -> None:
+    for name, ahead in (("1001", 0), ("2002", -40_000)):
+        lines = (FOUR / f"{name}.ndjson").read_text().splitlines()
+        records = [json.loads(line) for line in lines]
+        for record in records:
+            if "t_ms" in record:
+                record["t_ms"] += ahead + 50_000
+        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in records))
+    text = drawing(merge([read(tmp_path / "1001"), read(tmp_path / "2002")]))
+    paths = [g.find(f"{SVG}path") for g in parts(text, "g") if "delivered" in str(g[0].text)]
+    ends = [re.match(r"M\S+ (\S+)L\S+ (\S+?)m", str(p.get("d"))) for p in paths if p is not None]
+    ways = [(float(end[1]), float(end[2])) for end in ends if end]
+    assert ways and all(begin < end for begin, end in ways)
+
+
+def test_names_stay_text() -> None:
+    text = drawing(four(1001), {1001: "<script>&\u202e"})
+    assert "<script>" not in text and "\u202e" not in text
+    assert parts(text, "text")[0].text == "<script>&\\u202e"
+
+
+def test_equal_logs_give_equal_pictures() -> None:
+    assert drawing(four(1001, 2002)) == drawing(four(2002, 1001))
