@@ -29,6 +29,7 @@ def answer(c):
 """
 
 
+@pytest.mark.slow
 def test_state_that_is_kept_over_reset_is_named(conform: Suite) -> None:
     found = conform(station(STATIC), "AMCM/STA/ADV/BV-02", states=60)
     (case,) = found.cases

@@ -206,6 +206,7 @@ def test_each_two_peer_pair_is_offered(two: Oracle) -> None:
     assert len({(a.state, a.input) for a in kept}) == len(kept)
 
 
+@pytest.mark.slow
 def test_two_peer_pairs_of_another_specification(two: Oracle, tmp_path: Path) -> None:
     file = tmp_path / "remainder.json"
     file.write_text(two_peer_pairs.PATH.read_text().replace(two.spec_hash, "0" * 64))

@@ -208,6 +208,7 @@ def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(
         assert log.name in case.reason and log.stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_a_crash_is_shortened_and_its_last_words_are_kept(tmp_path: Path) -> None:
     found = explored(CRASHES, tmp_path, 200)
     (case,) = found.cases

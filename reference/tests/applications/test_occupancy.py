@@ -174,7 +174,7 @@ HARM = [
 """What B does, the mechanism, the first seed to try, and the error of positions."""
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("kind", "mechanism", "first", "sigma"), HARM)
 def test_app_2_app_4_app_5_each_mechanism_is_needed(
     kind: str, mechanism: str, first: int, sigma: float | None

@@ -114,7 +114,7 @@ HARM = [
 ]
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "mechanism"), HARM)
 def test_app_2_app_4_app_5_each_mechanism_is_needed_to_merge(kind: str, mechanism: str) -> None:
     bad = next(seed for seed in range(40) if drive(seed, mechanism, kind).bad)
