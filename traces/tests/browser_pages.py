@@ -12,7 +12,7 @@ from page_rows import CORPUS
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import Page, load, of_runs
-from automcm_traces.viewer.page_part import Part
+from automcm_traces.viewer.page_part import PagePart
 
 EPOCH_MS = 1_732_300_000_000
 LAST_MS = 2**53 - 1
@@ -65,7 +65,7 @@ def _hazard(folder: Path) -> Page:
 
 def _long(folder: Path) -> Page:
     logs = run(folder / "logs", 120_000, 0.1, 9)
-    return load(logs, part=Part(2000, 3000))
+    return load(logs, part=PagePart(2000, 3000))
 
 
 def _epoch(folder: Path) -> Page:

@@ -19,7 +19,7 @@ from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import Question, effects_of
+from automcm_traces.export.behaviour_effects import EffectQuery, effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
 
 Json = Any
@@ -42,9 +42,9 @@ def _told(found: Sequence[Any], run: str) -> list[Lines]:
     cfg = tlc_simulation.CONFIG.format(spec="AnySpec")
     cfg = re.sub(r"(?m)^(SPECIFICATION|INVARIANTS|CHECK).*\n", "", cfg)
     stories = [_moves(behaviour) for behaviour in found]
-    effects: dict[Question, behaviour_to_log.Effects] = {}
+    effects: dict[EffectQuery, behaviour_to_log.StepEffects] = {}
 
-    def asker(questions: Any) -> dict[Question, behaviour_to_log.Effects]:
+    def asker(questions: Any) -> dict[EffectQuery, behaviour_to_log.StepEffects]:
         missing = [q for q in questions if q not in effects]
         for first in range(0, len(missing), 1500):
             effects.update(effects_of("Simulation", cfg, missing[first : first + 1500]))

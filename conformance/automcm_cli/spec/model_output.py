@@ -67,7 +67,7 @@ def chosen(
 
 def check(
     model: models.Model, notify: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
-) -> models.Verdict:
+) -> models.ModelVerdict:
     """Run TLC on one model and report its progress."""
 
     def progress(p: tlc.Progress) -> None:
@@ -77,7 +77,7 @@ def check(
     return models.check(model, on_progress=progress, timeout_s=timeout_s, heap_mb=heap_mb)
 
 
-def counterexample(verdict: models.Verdict) -> str:
+def counterexample(verdict: models.ModelVerdict) -> str:
     """A counterexample as ITF, each step with its action, input, rule and line."""
     values = [
         {name: value for name, value in state.values.items() if name != "last"}
@@ -100,7 +100,7 @@ def counterexample(verdict: models.Verdict) -> str:
     return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
 
 
-def write_trace(verdict: models.Verdict, folder: Path) -> Path:
+def write_trace(verdict: models.ModelVerdict, folder: Path) -> Path:
     """Write the counterexample as ITF into a folder and return its path."""
     files.folder(folder, named=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
@@ -121,7 +121,7 @@ def kept(model: models.Model, folder: Path = Path("runs/models")) -> str:
     return f"cd {shlex.quote(str(TLA))} && {command} {model.module}"
 
 
-def as_dict(verdict: models.Verdict) -> dict[str, Any]:
+def as_dict(verdict: models.ModelVerdict) -> dict[str, Any]:
     """A model and its outcome, as in the JSON of ``automcm verify``."""
     result = verdict.result
     return {
@@ -148,7 +148,7 @@ def specification_changed() -> bool:
     return oracle_generation.recorded_hash() not in (None, oracle_generation.spec_hash())
 
 
-def shown(verdict: models.Verdict, changed: bool = False) -> str:
+def shown(verdict: models.ModelVerdict, changed: bool = False) -> str:
     """The outcome as text, with the counterexample; ``changed`` as ``specification_changed``."""
     model, result = verdict.model, verdict.result
     if result is None:
@@ -163,7 +163,7 @@ def shown(verdict: models.Verdict, changed: bool = False) -> str:
     return "\n".join([head, *steps(verdict.trace, result.loop)])
 
 
-def not_covered(verdicts: Sequence[models.Verdict]) -> str:
+def not_covered(verdicts: Sequence[models.ModelVerdict]) -> str:
     """The warning that no model distinguishes a changed specification from the recorded one.
 
     Empty if a model does.  Only for use with ``specification_changed``.
@@ -192,7 +192,7 @@ def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]
     return lines
 
 
-def exit_code(verdicts: Sequence[models.Verdict]) -> int:
+def exit_code(verdicts: Sequence[models.ModelVerdict]) -> int:
     """0 as expected, 1 not as expected, 3 if TLC gave no verdict, 4 if TLC did not finish."""
     outcomes = {verdict.outcome for verdict in verdicts}
     if "error" in outcomes:

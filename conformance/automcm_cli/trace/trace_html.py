@@ -16,8 +16,8 @@ from automcm_spec.support import files, scratch
 
 if TYPE_CHECKING:
     from automcm_traces.viewer.page_data import Page
-    from automcm_traces.viewer.page_part import Part
-    from automcm_traces.viewer.page_run import Run
+    from automcm_traces.viewer.page_part import PagePart
+    from automcm_traces.viewer.page_run import PageRun
 
 
 def html(
@@ -100,7 +100,7 @@ def page_of(
     late: int | None,
     compare: Sequence[Path] = (),
     stations: Mapping[int, int] | None = None,
-    part: Part | None = None,
+    part: PagePart | None = None,
 ) -> Page:
     """The page of logs or of one counterexample; with ``compare``, of two runs.
 
@@ -122,8 +122,8 @@ def page_of(
 
 def _part(
     lines: tuple[int | None, int | None], times: tuple[int | None, int | None], session: str
-) -> Part | None:
-    from automcm_traces.viewer.page_part import Part
+) -> PagePart | None:
+    from automcm_traces.viewer.page_part import PagePart
 
     chosen = {"--from-line, --to-line": lines != (None, None)}
     chosen |= {"--from-ms, --to-ms": times != (None, None), "--session": bool(session)}
@@ -134,17 +134,19 @@ def _part(
         raise typer.BadParameter(f"cannot be combined with {given[0]}", param_hint=given[1])
     if session:
         named = two_numbers(session, "/", "a session, such as 1001/1", "--session")
-        return Part(session=named)
+        return PagePart(session=named)
     (first, last), unit = (lines, "line") if given[0].endswith("line") else (times, "ms")
     if first is not None and last is not None and last < first:
         raise typer.BadParameter(
             f"must be at least --from-{unit} ({first}), not {last}", param_hint=f"--to-{unit}"
         )
     last = maxsize if last is None else last
-    return Part(first or 1, last) if unit == "line" else Part(from_ms=first or 0, to_ms=last)
+    return (
+        PagePart(first or 1, last) if unit == "line" else PagePart(from_ms=first or 0, to_ms=last)
+    )
 
 
-def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
+def _run(paths: list[Path], late: int | None, part: PagePart | None = None) -> tuple[PageRun, str]:
     """A run and its title."""
     from automcm_traces.viewer.page_part import PageError
     from automcm_traces.viewer.page_run import load
@@ -163,7 +165,7 @@ def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple
     return _counterexample(itf[0], late)
 
 
-def _counterexample(path: Path, late: int | None) -> tuple[Run, str]:
+def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import SpooledInput
     from automcm_traces.export.behaviour_to_log import BehaviourError

@@ -169,11 +169,11 @@ def _print(
 
     from automcm_cli.shared.terminal import Terminal
     from automcm_spec.log_format.event_text import starts
-    from automcm_traces.explain.log_columns import Table, first_times, folds
+    from automcm_traces.explain.log_columns import LogTable, first_times, folds
 
     console = Terminal(highlight=False)
     first_ms = first_times(logs)
-    table = Table(
+    table = LogTable(
         stations,
         width or (console.width if console.is_terminal else 80),
         None if absolute else starts(first_ms),

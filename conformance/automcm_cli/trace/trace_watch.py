@@ -20,7 +20,7 @@ from automcm_cli.shared.network_options import Remote
 
 if TYPE_CHECKING:
     from automcm_spec.log_format.growing_file import GrowingFile
-    from automcm_traces.explain.watch import Report, Watch, WatchedLog
+    from automcm_traces.explain.watch import Watch, WatchedLog, WatchReport
 
 POLL_S = 0.02
 """How often the files are read."""
@@ -57,7 +57,7 @@ def watch(
     log so far, and judges several logs together, as explain does. The exit code is that of explain.
     """
     from automcm_spec.support import scratch
-    from automcm_traces.explain.watch import Report, Watch
+    from automcm_traces.explain.watch import Watch, WatchReport
 
     watched = Watch(late)
     with ExitStack() as stack, code_3("watch", OSError):
@@ -72,7 +72,7 @@ def watch(
             put(sources.changes())
             put(watched.advance())
         put(watched.finish())
-        put([Report("end", "", {"exit": watched.exit_code})])
+        put([WatchReport("end", "", {"exit": watched.exit_code})])
     raise typer.Exit(watched.exit_code)
 
 
@@ -110,16 +110,18 @@ class _Sources:
                     if data:
                         self._take(f"{self._sockets[ready]} from {host}:{port}", data)
 
-    def changes(self) -> Iterator[Report]:
+    def changes(self) -> Iterator[WatchReport]:
         """What happened to the files.  A file that begins anew is a new log."""
-        from automcm_traces.explain.watch import Report, note
+        from automcm_traces.explain.watch import WatchReport, note
 
         for file, log in list(self._files.items()):
             file.open()
             what = file.change()
             if what == "missing" and file not in self._waiting:
                 self._waiting.add(file)
-                yield Report("waiting", f"{log.file}: waiting for the file", {"file": log.file})
+                yield WatchReport(
+                    "waiting", f"{log.file}: waiting for the file", {"file": log.file}
+                )
             elif what in ("truncated", "replaced"):
                 yield note(log.file, f"the file was {what}; what follows is a log of its own")
                 yield from self._watch.end(log)
@@ -169,7 +171,7 @@ class _Sources:
 
 
 @contextmanager
-def _output(json_: Path | None) -> Iterator[Callable[[Iterable[Report]], None]]:
+def _output(json_: Path | None) -> Iterator[Callable[[Iterable[WatchReport]], None]]:
     """A function that writes reports at once: as text, as JSON, or both."""
     from rich.text import Text
 
@@ -182,7 +184,7 @@ def _output(json_: Path | None) -> Iterator[Callable[[Iterable[Report]], None]]:
         if json_ is not None and text:
             out = stack.enter_context(json_.open("w", encoding="utf-8"))
 
-        def put(reports: Iterable[Report]) -> None:
+        def put(reports: Iterable[WatchReport]) -> None:
             for one in reports:
                 if out is not None:
                     out.write(json.dumps(one.as_dict()) + "\n")

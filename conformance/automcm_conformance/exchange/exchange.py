@@ -17,7 +17,7 @@ from automcm_conformance.adapter.protocol import ProtocolError, read_answer
 from automcm_conformance.exchange.answers import Problem, differences
 from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
 from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Expected, Values, Wire, encode
-from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
 from automcm_spec.vocabulary.renumbering import Rename
 from automcm_spec.vocabulary.station import Entry, Expire, Message, Receive, Restart, Timer
@@ -336,7 +336,7 @@ class Exchange:
         lasts = self._lasts[name]
         return UNKNOWN if lasts is None else lasts
 
-    def _settle(self, answer: Answer) -> None:
+    def _settle(self, answer: OracleAnswer) -> None:
         """Arm and stop timers as the specification says."""
         value = self.oracle.inputs[answer.input]
         if isinstance(value, Expire):
@@ -393,7 +393,7 @@ class Exchange:
             self.flush()  # what comes next depends on what the station chose
         return fired
 
-    def _refuse(self, command: dict[str, Json], answer: Answer) -> None:
+    def _refuse(self, command: dict[str, Json], answer: OracleAnswer) -> None:
         """Queue a line that changes nothing and sends nothing while no timer is due. Such lines
         share one ``Expected``, so that an equal answer is not parsed again (``_judge``)."""
         rule, indication, first = answer.effect.rule, answer.effect.indication, self.clock.first
@@ -410,7 +410,7 @@ class Exchange:
             step.effects.append(Effects(None, 0, len(expected.indications), [], []))
         self._expect(step)
 
-    def _follow(self, step: Step, answer: Answer) -> None:
+    def _follow(self, step: Step, answer: OracleAnswer) -> None:
         """Add the expected effects of one step of the specification to ``step``."""
         value = self.oracle.inputs[answer.input]
         if answer.changes and self.wire.given is not None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from automcm_conformance.exchange.wire import LONG, STEP_MS
-from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Timer
 
 Pair = tuple[int, int]
@@ -41,7 +41,7 @@ class Tours:
     _sent: set[Pair] = field(default_factory=set)
     """The pairs of the tours that the station is answering."""
     avoided: set[Pair] = field(default_factory=set)
-    _moves: dict[int, list[Answer]] = field(default_factory=dict)
+    _moves: dict[int, list[OracleAnswer]] = field(default_factory=dict)
     _parents: dict[int, Pair] | None = None
     _disturbing: dict[Pair, bool] = field(default_factory=dict)
     _random: random.Random = field(default_factory=random.Random)
@@ -50,7 +50,7 @@ class Tours:
     def over(
         cls,
         oracle: Oracle,
-        targets: Iterable[tuple[Answer, str]],
+        targets: Iterable[tuple[OracleAnswer, str]],
         allowed: Allowed,
         disturbs: Allowed | None = None,
         seed: int = 1,
@@ -184,7 +184,7 @@ class Tours:
                         queue.append(answer.next)
         return self._parents
 
-    def _from(self, state: int) -> list[Answer]:
+    def _from(self, state: int) -> list[OracleAnswer]:
         if state not in self._moves:
             self._moves[state] = [
                 answer
@@ -199,7 +199,7 @@ class Slot:
     """The time of an input of a tour, the durations of the timers that it arms, and the lease of a
     Prescription (None: no new one)."""
 
-    answer: Answer
+    answer: OracleAnswer
     at: int
     durations: dict[str, int]
     lease_ms: int | None = None

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from pydantic_core import to_json
 
-from automcm_spec.graph.oracle import Answer
+from automcm_spec.graph.oracle import OracleAnswer
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, RefusalReason
 from automcm_spec.vocabulary.station import (
     Cam,
@@ -320,7 +320,7 @@ class Wire:
         self,
         before: State,
         value: Input,
-        answer: Answer,
+        answer: OracleAnswer,
         after: State,
         lease_left: int,
         now: int,

@@ -32,7 +32,7 @@ from automcm_traces.checker.finding import At, Finding, Why
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
-from automcm_traces.viewer.page_run import Run
+from automcm_traces.viewer.page_run import PageRun
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
@@ -105,7 +105,7 @@ def write_pages(report: Report, folder: Path) -> None:
         case.page = path.relative_to(folder).as_posix()
 
 
-def _judge_by_kit(run: Run, case: CaseResult) -> None:
+def _judge_by_kit(run: PageRun, case: CaseResult) -> None:
     """Set the verdict of the kit at the last input of a log, where the page then opens."""
     (log,), verdict = run.logs, run.verdicts[0]
     inputs = [line for line, event in log.events if event.ev in INPUTS]

@@ -35,7 +35,7 @@ from automcm_spec.vocabulary.parameters import derived, forgotten_at, in_header
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges
-from automcm_traces.checker.track import CannotTell, Step, Track
+from automcm_traces.checker.track import CannotTell, InputStep, Track
 
 Json = Any
 MAX_CAM_INTERVAL_MS = 1_000
@@ -68,7 +68,7 @@ class Monitor:
         """The deadline in ms that the station reported last."""
         self.excused: set[tuple[int, int]] = set()
         """Sessions in which the station aborted, lost CAMs or restarted (S-5)."""
-        self.last: Step | None = None
+        self.last: InputStep | None = None
         """The last step of the specification."""
         self.sent: list[tuple[str, dict[str, Json]]] = []
         """The messages and CAMs of the last answer, each with the id of its transmission."""
@@ -307,7 +307,7 @@ class Monitor:
             text = f"no CAM after {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
 
-    def _expiry(self, running: Running[Timer]) -> Step | None:
+    def _expiry(self, running: Running[Timer]) -> InputStep | None:
         """The step of this timer's expiry, which the station missed or set too late."""
         engine = self._engine.copy()
         timer, t_ms = running.timer, running.deadline

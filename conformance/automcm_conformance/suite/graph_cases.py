@@ -35,7 +35,7 @@ from automcm_conformance.suite.tally import (
     TourInProgress,
     finding,
 )
-from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import operators
 from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
@@ -184,7 +184,7 @@ class Runner:
 
     # -- which pairs
 
-    def graph(self, part: Part, answers: Iterable[Answer], owners: Owners) -> None:
+    def graph(self, part: Part, answers: Iterable[OracleAnswer], owners: Owners) -> None:
         """Test these pairs of a graph. Their time is shared by the cases they belong to."""
         before = {name: tally.reached for name, tally in self.tallies.items()}
         started = monotonic()
@@ -196,7 +196,7 @@ class Runner:
         for name, pairs in driven.items():
             self.case_seconds[name] = self.case_seconds.get(name, 0.0) + pairs * each
 
-    def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> PartRun:
+    def plan(self, part: Part, answers: Iterable[OracleAnswer], owners: Owners) -> PartRun:
         """The pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         oracle = part.oracle
@@ -258,7 +258,7 @@ class Runner:
             for i in list(tours.left[state]):
                 self._forbidden(part, tours.done((state, i)))
 
-    def _tally(self, part: Part, owners: Owners, answer: Answer) -> Tally | None:
+    def _tally(self, part: Part, owners: Owners, answer: OracleAnswer) -> Tally | None:
         """The case of a pair, if it is part of the run."""
         state, i = part.oracle.states[answer.state], part.oracle.inputs[answer.input]
         owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
@@ -296,7 +296,7 @@ class Runner:
                 return ""
         return "" if needed in self.features else needed
 
-    def _limited(self, oracle: Oracle, answer: Answer) -> str:
+    def _limited(self, oracle: Oracle, answer: OracleAnswer) -> str:
         """Whether MEM-1 can be observed: only with the limits of the graph."""
         if answer.effect.rule != "MEM-1":
             return ""
@@ -584,7 +584,7 @@ class Runner:
         return Fault(found, error, decided, unconfirmed)
 
 
-def _is_sampled(tally: Tally, answer: Answer) -> bool:
+def _is_sampled(tally: Tally, answer: OracleAnswer) -> bool:
     """Whether ``--quick`` drives a pair: the first of a case, and some of the others."""
     share = SHARES[answer.changes]
     return tally.total <= FIRST or (answer.state + answer.input) % share == 0

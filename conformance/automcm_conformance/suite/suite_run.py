@@ -20,7 +20,7 @@ from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.purposes import load as load_purposes
 from automcm_conformance.suite.tally import WHOLE, Part
 from automcm_conformance.suite.verdicts import Expectations, report
-from automcm_spec.graph.oracle import Answer, Oracle, OracleError, load
+from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
 
@@ -93,7 +93,7 @@ class Graphs:
         self.one = one
         self.owners = Owners(load_purposes())
         self._shared = shared
-        self._pairs: dict[frozenset[str], list[Answer]] = {}
+        self._pairs: dict[frozenset[str], list[OracleAnswer]] = {}
 
     @classmethod
     def load(cls, spec_hash: str, *, shared: bool = False) -> Graphs:
@@ -102,7 +102,7 @@ class Graphs:
         with uncollected():
             return cls(load(ONE_PEER.path, spec_hash), shared)
 
-    def pairs(self, rules: frozenset[str]) -> Iterable[Answer]:
+    def pairs(self, rules: frozenset[str]) -> Iterable[OracleAnswer]:
         """The pairs of ``one`` that these rules decide."""
         if not self._shared:
             return self.one.decided_by(rules)
@@ -116,7 +116,7 @@ class Graphs:
         return two_peers(self.one.spec_hash)
 
     @cached_property
-    def third(self) -> list[Answer]:
+    def third(self) -> list[OracleAnswer]:
         """The pairs that need a third station."""
         return two_peer_pairs.read(self.two)
 
@@ -126,7 +126,7 @@ class Graphs:
         return load(TIGHT.path, self.one.spec_hash)
 
     @cached_property
-    def limits(self) -> list[Answer]:
+    def limits(self) -> list[OracleAnswer]:
         """The pairs that MEM-1 decides."""
         return list(self.tight.decided_by({"MEM-1"}))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_conformance.adapter.kit_paths import SUITE
-from automcm_spec.graph.oracle import Answer, Oracle, OracleError
+from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import (
@@ -33,7 +33,7 @@ PEERS = 2, 3
 STRANGER = 9
 
 
-def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[Answer]:
+def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[OracleAnswer]:
     """The pairs of ``two`` that have no image in ``one``, in the order of its states."""
     seen: set[tuple[int, int]] = set()
     swapped = [two.input_index[renumbering.input_of(i, _swap)] for i in two.inputs]
@@ -98,12 +98,14 @@ def _view(st: State, view: View) -> Seen:
 # -- one peer taken away
 
 
-def _has_image(two: Oracle, one: Oracle, answer: Answer) -> bool:
+def _has_image(two: Oracle, one: Oracle, answer: OracleAnswer) -> bool:
     state, i = two.states[answer.state], two.inputs[answer.input]
     return any(_image(two, one, answer, state, i, away) for away in PEERS)
 
 
-def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, away: int) -> bool:
+def _image(
+    two: Oracle, one: Oracle, answer: OracleAnswer, state: State, i: Input, away: int
+) -> bool:
     """Whether the answer is the same without this peer. Its session becomes a stranger's."""
     speaker, about = _speaker(i), _peers(i)
     if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
@@ -225,7 +227,7 @@ def spec_hash(path: Path = PATH) -> str:
     return str(data.get("spec_hash", "")) if isinstance(data, dict) else ""
 
 
-def read(two: Oracle, path: Path = PATH) -> list[Answer]:
+def read(two: Oracle, path: Path = PATH) -> list[OracleAnswer]:
     """The pairs from the file. Raises OracleError if it is missing, or of another version."""
     try:
         data = json.loads(path.read_bytes())

@@ -30,7 +30,7 @@ def tight() -> Oracle:
     return graph(TIGHT.path)
 
 
-def every(oracle: Oracle) -> list[tuple[oracle_.Answer, str]]:
+def every(oracle: Oracle) -> list[tuple[oracle_.OracleAnswer, str]]:
     """All pairs, each for a case named after its rule."""
     return [(a, a.effect.rule) for s in range(len(oracle.states)) for a in oracle.answers(s)]
 
@@ -237,7 +237,7 @@ def test_the_two_peer_pairs_have_no_image(two: Oracle) -> None:
 Key = tuple[two_peer_pairs.Seen, int]
 
 
-def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
+def first_like(two: Oracle, keys: set[Key]) -> oracle_.OracleAnswer:
     """The first pair with one of these keys."""
     for state in range(len(two.states)):
         for _, i in sorted(keys, key=lambda key: key[1]):
@@ -247,13 +247,13 @@ def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
     raise AssertionError("no such pair")
 
 
-def key(two: Oracle, answer: oracle_.Answer) -> Key:
+def key(two: Oracle, answer: oracle_.OracleAnswer) -> Key:
     """Equal for pairs that differ only in parts that the input cannot affect."""
     view = two_peer_pairs._touches(two.inputs[answer.input])
     return two_peer_pairs._view(two.states[answer.state], view), answer.input
 
 
-def mirror(two: Oracle, answer: oracle_.Answer) -> oracle_.Answer:
+def mirror(two: Oracle, answer: oracle_.OracleAnswer) -> oracle_.OracleAnswer:
     """The pair with the peers exchanged."""
     state = renumbering.state(two.states[answer.state], two_peer_pairs._swap)
     i = renumbering.input_of(two.inputs[answer.input], two_peer_pairs._swap)

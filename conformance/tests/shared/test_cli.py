@@ -18,9 +18,9 @@ from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Comparison, Coverage, Divergence
 from automcm_spec.graph import oracle, oracle_generation
-from automcm_spec.graph.oracle_agreement import Agreement, Difference
+from automcm_spec.graph.oracle_agreement import Agreement, OracleDifference
 from automcm_spec.model_checking import model_runs, models, tlc
-from automcm_spec.model_checking.tlc import ErrorKind, Progress, Result, TlcError
+from automcm_spec.model_checking.tlc import ErrorKind, Progress, TlcError, TlcResult
 from automcm_spec.vocabulary.station import Restart
 
 ROOT = generated_files.ROOT
@@ -75,7 +75,7 @@ def test_check_shows_and_writes_a_counterexample(tmp_path: Path) -> None:
 def test_a_run_that_does_not_end_is_incomplete(
     monkeypatch: pytest.MonkeyPatch, kind: ErrorKind, partial: int, code: int
 ) -> None:
-    def broken(*_: object, **__: object) -> Result:
+    def broken(*_: object, **__: object) -> TlcResult:
         error = TlcError(kind, "TLC did not come to the end")
         error.partial = Progress(3, 2 * partial, partial, 1) if partial else None
         raise error
@@ -106,10 +106,10 @@ def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:
 
 def good_report() -> verify_.Report:
     model = models.load()[0]
-    result = Result("holds", None, 10, 20, 3, 0.1)
+    result = TlcResult("holds", None, 10, 20, 3, 0.1)
     return verify_.Report(
         "quick",
-        verdicts=[models.Verdict(model, "holds", None, result, None)],
+        verdicts=[models.ModelVerdict(model, "holds", None, result, None)],
         oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
         compared={"one-peer": Comparison(states=1, inputs=5)},
         compiled={"one-peer": Agreement(states=1, inputs=6)},
@@ -172,14 +172,14 @@ def uncovered(report: verify_.Report) -> None:
 
 
 def violates(report: verify_.Report) -> None:
-    result = Result("violates", "NoHazardInv", 10, 20, 3, 0.1)
-    verdict = models.Verdict(models.load()[0], "violates", "S-5", result, "violates S-5")
+    result = TlcResult("violates", "NoHazardInv", 10, 20, 3, 0.1)
+    verdict = models.ModelVerdict(models.load()[0], "violates", "S-5", result, "violates S-5")
     report.verdicts.append(verdict)
 
 
 def compiled_differs(report: verify_.Report) -> None:
     report.compiled["one-peer"].differences = 1
-    report.compiled["one-peer"].found.append(Difference([], Restart("restart"), 1, 2))
+    report.compiled["one-peer"].found.append(OracleDifference([], Restart("restart"), 1, 2))
 
 
 DIVERGENCE = Divergence([Restart("restart")], "END-8", 9, {"told": 1}, {"told": 2})
@@ -291,9 +291,9 @@ def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.Monkey
 
 def test_a_model_that_tells_a_change_covers_it(monkeypatch: pytest.MonkeyPatch) -> None:
     model = models.load()[0]
-    result = Result("holds", None, 10, 20, 3, 0.1)
-    same = models.Verdict(model, "holds", None, result, None)
-    other = models.Verdict(model, "holds", None, result, "states is 20, 19 expected")
+    result = TlcResult("holds", None, 10, 20, 3, 0.1)
+    same = models.ModelVerdict(model, "holds", None, result, None)
+    other = models.ModelVerdict(model, "holds", None, result, "states is 20, 19 expected")
     assert model_output.not_covered([same, other]) == "" == model_output.not_covered([])
     assert model_output.not_covered([same, same]).startswith(NOT_COVERED)
     assert "NOT as expected" in model_output.shown(other, True)

@@ -19,8 +19,8 @@ from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Comparison, Coverage
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
-from automcm_spec.model_checking.models import Model, Verdict
-from automcm_spec.model_checking.tlc import Result
+from automcm_spec.model_checking.models import Model, ModelVerdict
+from automcm_spec.model_checking.tlc import TlcResult
 
 CHOSEN = [model for model in models.load() if model.cfg in ("one_by_two", "bare_ack")]
 TIMES = {"models": [70.4, 2.0], "oracle": [7.0]}
@@ -40,8 +40,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     def check_all(chosen: Sequence[Model], *_: object, **options: Any) -> None:
         fresh.append(options["fresh"])
         for model in chosen:
-            result = Result("holds", None, 10, 20, 3, 0.1)
-            options["on_done"](Verdict(model, "holds", None, result, None, kept=not fresh[-1]))
+            result = TlcResult("holds", None, 10, 20, 3, 0.1)
+            options["on_done"](ModelVerdict(model, "holds", None, result, None, kept=not fresh[-1]))
 
     def compared(report: verify_.Report, data: bytes, notify: object) -> None:
         report.compared = {"one-peer": Comparison(states=1, inputs=5)}

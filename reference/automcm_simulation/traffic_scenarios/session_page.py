@@ -8,7 +8,7 @@ from automcm_simulation.traffic.traffic import Traffic
 from automcm_spec.support import files
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import load
-from automcm_traces.viewer.page_part import Part
+from automcm_traces.viewer.page_part import PagePart
 
 
 def write(found: Traffic, out: Path) -> Path | None:
@@ -24,7 +24,9 @@ def write(found: Traffic, out: Path) -> Path | None:
     session = min(sessions, key=lambda each: stations.began[each])
     partners = stations.partners[session]
     logs = [out / f"{number}.ndjson" for number in (session[0], *sorted(partners - {session[0]}))]
-    page = load(logs, f"session {session[0]}/{session[1]} in traffic", part=Part(session=session))
+    page = load(
+        logs, f"session {session[0]}/{session[1]} in traffic", part=PagePart(session=session)
+    )
     page.traffic = out / "traffic.json"
     files.write(out / "page.html", html(page))
     return out / "page.html"

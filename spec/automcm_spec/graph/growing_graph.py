@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from automcm_spec.graph.oracle import Answer, Effect, Oracle
+from automcm_spec.graph.oracle import Effect, Oracle, OracleAnswer
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS
 from automcm_spec.vocabulary.station import Expire, Input, Session, State, Station
@@ -47,10 +47,10 @@ class GrowingGraph(Oracle):
         self.marks: list[frozenset[Session]] = []
         self.input_index = _Numbers[Input](self.inputs.append)
         self.state_index = _Numbers[State](self._add)
-        self._found: dict[tuple[int, int], Answer | None] = {}
+        self._found: dict[tuple[int, int], OracleAnswer | None] = {}
         assert self.state_index[self._station.initial] == 0
 
-    def answer(self, state: int, i: int) -> Answer | None:
+    def answer(self, state: int, i: int) -> OracleAnswer | None:
         """The outcome; None for a timer that is not armed."""
         if (state, i) not in self._found:
             self._found[state, i] = self._ask(state, i)
@@ -60,7 +60,7 @@ class GrowingGraph(Oracle):
         self.states.append(state)
         self.marks.append(self._station.marks(state))
 
-    def _ask(self, state: int, i: int) -> Answer | None:
+    def _ask(self, state: int, i: int) -> OracleAnswer | None:
         before, value = self.states[state], self.inputs[i]
         if isinstance(value, Expire) and value.timer not in self._station.armed(ME, before):
             return None
@@ -69,4 +69,4 @@ class GrowingGraph(Oracle):
         messages, armed, stopped = sets
         effect = Effect(messages, told, rule, armed, stopped)  # type: ignore[arg-type]
         changes = after != before or bool(arm or stop)
-        return Answer(state, i, self.state_index[after], effect, changes)
+        return OracleAnswer(state, i, self.state_index[after], effect, changes)

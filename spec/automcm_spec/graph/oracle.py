@@ -42,7 +42,7 @@ class Effect(NamedTuple):
     stop: tuple[Timer, ...]
 
 
-class Answer(NamedTuple):
+class OracleAnswer(NamedTuple):
     """The outcome of an input in a state. For a refusal, ``next`` equals ``state``."""
 
     state: int
@@ -97,23 +97,23 @@ class Oracle:
         of_pattern = [sum(effect >= 0 for effect in effects) for effects in self._patterns]
         return sum(of_pattern[pattern] for patterns in self._answers for pattern in patterns)
 
-    def answer(self, state: int, i: int) -> Answer | None:
+    def answer(self, state: int, i: int) -> OracleAnswer | None:
         """The outcome; None if the environment does not offer this input in this state."""
         move = self._moves[state].get(i)
         if move is not None:
-            return Answer(state, i, move[0], self.effects[move[1]], True)
+            return OracleAnswer(state, i, move[0], self.effects[move[1]], True)
         group, place = self._place[i]
         effect = self._patterns[self._answers[state][group]][place]
         if effect < 0:
             return None
-        return Answer(state, i, state, self.effects[effect], False)
+        return OracleAnswer(state, i, state, self.effects[effect], False)
 
-    def ask(self, state: State, i: Input) -> Answer:
+    def ask(self, state: State, i: Input) -> OracleAnswer:
         """As ``given``, for values. Raises KeyError if the state or the input is not in the
         graph."""
         return self.given(self.state_index[state], self.input_index[i])
 
-    def given(self, state: int, i: int) -> Answer:
+    def given(self, state: int, i: int) -> OracleAnswer:
         """The outcome of an input that is offered in this state. Raises KeyError if it is not
         offered."""
         answer = self.answer(state, i)
@@ -130,14 +130,14 @@ class Oracle:
             states.append(self.given(states[-1], i).next)
         return states
 
-    def answers(self, state: int) -> Iterator[Answer]:
+    def answers(self, state: int) -> Iterator[OracleAnswer]:
         """The outcomes of all offered inputs, in the order of the alphabet."""
         for i in range(len(self.inputs)):
             answer = self.answer(state, i)
             if answer is not None:
                 yield answer
 
-    def decided_by(self, rules: Set[str]) -> Iterator[Answer]:
+    def decided_by(self, rules: Set[str]) -> Iterator[OracleAnswer]:
         """The outcomes of all states and offered inputs that one of these rules decides: state by
         state, in the order of the alphabet."""
         wanted = [effect.rule in rules for effect in self.effects]
@@ -153,9 +153,9 @@ class Oracle:
             for of_pattern, pattern in zip(refused, self._answers[state], strict=True):
                 found += [(i, state, e, False) for i, e in of_pattern[pattern]]
             for i, to, e, changes in sorted(found):
-                yield Answer(state, i, to, self.effects[e], changes)
+                yield OracleAnswer(state, i, to, self.effects[e], changes)
 
-    def changes(self, state: int) -> Iterator[Answer]:
+    def changes(self, state: int) -> Iterator[OracleAnswer]:
         """The outcomes that change something."""
         for i in self._moves[state]:
             answer = self.answer(state, i)

@@ -21,7 +21,7 @@ LIMIT = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class OracleDifference:
     """A difference: TLC's value and the compiled one. ``input`` is None for a property of the
     state; ``state`` is also None for the alphabet."""
 
@@ -43,7 +43,7 @@ class Agreement:
     states: int = 0
     inputs: int = 0
     differences: int = 0
-    found: list[Difference] = field(default_factory=list)
+    found: list[OracleDifference] = field(default_factory=list)
 
 
 def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = False) -> Agreement:
@@ -53,7 +53,7 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
     def differ(state: State | None, value: Input | None, expected: Any, actual: Any) -> None:
         result.differences += 1
         if len(result.found) < LIMIT:
-            result.found.append(Difference(state, value, expected, actual))
+            result.found.append(OracleDifference(state, value, expected, actual))
 
     # The armed timers of a state are computed for each of its inputs.
     station = copy(station)

@@ -162,8 +162,8 @@ def build(
     workers: int = 2,
     short: bool = False,
     on_progress: Callable[[tlc.Progress], None] | None = None,
-    stop: tlc.Stop | None = None,
-) -> tuple[dict[str, Json], tlc.Result]:
+    stop: tlc.TlcStop | None = None,
+) -> tuple[dict[str, Json], tlc.TlcResult]:
     """The oracle's data (see ``oracle.dump``) and TLC's result; ``short`` is as for ``tlc.run``.
 
     Raises tlc.TlcError if TLC fails, ValueError if its output is not the complete graph.

@@ -37,7 +37,7 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LogEntry:
     """A record or a notice, and its line number (from 1)."""
 
     line: int
@@ -96,7 +96,7 @@ def read(path: str | Path) -> Log:
     return Log(name_of(path), header, events, end, truncated, warnings)
 
 
-class Lines(Protocol):
+class LineSource(Protocol):
     """A source of lines, such as a binary stream."""
 
     def readline(self, limit: int, /) -> bytes:
@@ -109,15 +109,15 @@ class GrowingLog:
     Iteration stops where ``lines`` has no further line, and can go on from there later.
     """
 
-    def __init__(self, path: str | Path, lines: Lines) -> None:
+    def __init__(self, path: str | Path, lines: LineSource) -> None:
         self._lines = lines
         self._reader = _Reader(path, gaps=True)
-        self._entries: Iterator[Entry] = iter(())
+        self._entries: Iterator[LogEntry] = iter(())
 
-    def __iter__(self) -> Iterator[Entry]:
+    def __iter__(self) -> Iterator[LogEntry]:
         return self
 
-    def __next__(self) -> Entry:
+    def __next__(self) -> LogEntry:
         for entry in self._entries:
             return entry
         self._entries = self._reader.lines(self._lines)
@@ -135,7 +135,7 @@ def header_of(path: str | Path) -> Header:
     return first
 
 
-def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
+def records(path: str | Path, *, gaps: bool = False) -> Iterator[LogEntry]:
     """Read the log at `path` line by line: header, events, end, and notices in between.
 
     Raises BadInput at the first line that is wrong, after yielding the lines before it. With
@@ -189,7 +189,7 @@ class LogStream:
         path: str | Path,
         *,
         past_gaps: bool = False,
-        entries: Iterator[Entry] | None = None,
+        entries: Iterator[LogEntry] | None = None,
     ) -> None:
         self.file = name_of(path)
         self.end: End | None = None
@@ -331,15 +331,15 @@ class _Reader:
         self._seq = 0
         self._t_ms = 0
 
-    def entries(self, stream: Lines) -> Iterator[Entry]:
+    def entries(self, stream: LineSource) -> Iterator[LogEntry]:
         """The entries of all lines, and of the end of the log."""
         yield from self.lines(stream)
         if self._line == 0:
             raise BadInput(self._path, 0, "", "empty file", "order")
         if not self._end:
-            yield Entry(self._line, Notice("no_end", "the log has no end record"))
+            yield LogEntry(self._line, Notice("no_end", "the log has no end record"))
 
-    def lines(self, stream: Lines) -> Iterator[Entry]:
+    def lines(self, stream: LineSource) -> Iterator[LogEntry]:
         """The entries of the next lines, up to the last that is there."""
         while line := stream.readline(LONGEST_LINE + 1):
             self._line += 1
@@ -350,7 +350,9 @@ class _Reader:
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
                     raise self._error("", error.problem, error.rule) from None
-                yield Entry(self._line, Notice("truncated", "the last line is incomplete, ignored"))
+                yield LogEntry(
+                    self._line, Notice("truncated", "the last line is incomplete, ignored")
+                )
                 break
             except ValidationError as error:
                 field, problem = first_problem(error)
@@ -360,12 +362,12 @@ class _Reader:
             first = self._seq == 0 and not isinstance(record, End | Header)
             if missing := self._check(record):
                 kind: Literal["begins_late", "gap"] = "begins_late" if first else "gap"
-                yield Entry(self._line, Notice(kind, f"seq: {missing}"))
+                yield LogEntry(self._line, Notice(kind, f"seq: {missing}"))
             if isinstance(record, UnknownEvent):
                 notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
-                yield Entry(self._line, notice)
+                yield LogEntry(self._line, notice)
             else:
-                yield Entry(self._line, record)
+                yield LogEntry(self._line, record)
 
     def _check(self, record: Record | UnknownEvent) -> str:
         """Reject a record that does not fit the previous ones; returns a description of missing

@@ -27,7 +27,7 @@ Event: TypeAlias = tuple[str] | tuple[str, Message]
 
 
 @dataclass(frozen=True)
-class Step:
+class ModelStep:
     """One step.
 
     index counts from 1. action is the name of the action in the next-state relation, as TLC prints
@@ -57,24 +57,24 @@ class Step:
         return f"{who}: {canonical(self.input)}  {by}\n     {changed}"
 
 
-def steps(trace: Sequence[TraceState]) -> list[Step]:
+def steps(trace: Sequence[TraceState]) -> list[ModelStep]:
     """The steps of a trace of any model. TLC does not print the arguments of actions; the variable
     ``last`` contains them."""
     return [_step(before, after) for before, after in pairwise(trace)]
 
 
-def _step(before: TraceState, after: TraceState) -> Step:
+def _step(before: TraceState, after: TraceState) -> ModelStep:
     last: Any = after.values["last"]
     given, who, rule = last["input"], last["station"], last["rule"]
     number, action = after.index - 1, after.action
     if given["kind"] in EVENTS:
         about = (Message(**given["message"]),) if "message" in given else ()
-        return Step(number, action, None, (given["kind"], *about), None, 0, {})
+        return ModelStep(number, action, None, (given["kind"], *about), None, 0, {})
     value = tlc_simulation.input_of(given)
     old = tlc_simulation.state(_of(before.values["st"], who))
     new = tlc_simulation.state(_of(after.values["st"], who))
     changes = {n: (a, b) for n, a, b in zip(State._fields, old, new, strict=True) if a != b}
-    return Step(number, action, who, value, rule, line(rule, value), changes)
+    return ModelStep(number, action, who, value, rule, line(rule, value), changes)
 
 
 def _of(stations: Any, who: Any) -> Any:

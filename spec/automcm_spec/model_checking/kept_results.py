@@ -29,9 +29,9 @@ def check_all(
     folder: Path,
     *,
     fresh: bool = False,
-    on_done: Callable[[models.Verdict], None],
+    on_done: Callable[[models.ModelVerdict], None],
     tla_dir: Path = TLA,
-    stop: tlc.Stop | None = None,
+    stop: tlc.TlcStop | None = None,
 ) -> None:
     """As ``model_runs.check_all``, but models with a kept result are not run.
 
@@ -48,7 +48,7 @@ def check_all(
         else:
             on_done(verdict)
 
-    def done(verdict: models.Verdict) -> None:
+    def done(verdict: models.ModelVerdict) -> None:
         key = keys[verdict.model.cfg]
         if verdict.ok and key is not None and key == _key(verdict.model, tla_dir):
             with suppress(OSError):
@@ -83,7 +83,7 @@ def _path(folder: Path, model: models.Model) -> Path:
     return folder / f"{model.cfg}.result"
 
 
-def _read(model: models.Model, key: str | None, folder: Path) -> models.Verdict | None:
+def _read(model: models.Model, key: str | None, folder: Path) -> models.ModelVerdict | None:
     """The verdict of the result kept under this key, judged again; None if there is none."""
     try:
         digest, text = _path(folder, model).read_bytes().decode().split("\n", 1)
@@ -101,12 +101,12 @@ def _read(model: models.Model, key: str | None, folder: Path) -> models.Verdict 
         )
         for index, action, place, state in found["trace"]
     )
-    result = tlc.Result(**(found["result"] | {"trace": trace}))
+    result = tlc.TlcResult(**(found["result"] | {"trace": trace}))
     verdict = models.judged(model, result, found["reached"])
     return replace(verdict, kept=True) if verdict.ok else None
 
 
-def _write(verdict: models.Verdict, key: str, folder: Path) -> None:
+def _write(verdict: models.ModelVerdict, key: str, folder: Path) -> None:
     assert verdict.result is not None
     trace = [
         (s.index, s.action, s.location, {name: tla_values.show(v) for name, v in s.values.items()})

@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from automcm_spec.model_checking import models, tlc
-from automcm_spec.model_checking.models import Model, Verdict
+from automcm_spec.model_checking.models import Model, ModelVerdict
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
 
@@ -61,10 +61,10 @@ def check_all(
     chosen: Sequence[Model],
     *,
     jobs: int = 2,
-    on_done: Callable[[Verdict], None] | None = None,
+    on_done: Callable[[ModelVerdict], None] | None = None,
     tla_dir: Path = TLA,
-    stop: tlc.Stop | None = None,
-) -> list[Verdict]:
+    stop: tlc.TlcStop | None = None,
+) -> list[ModelVerdict]:
     """Check the models, several at a time, the longest first; returns the verdicts in the given
     order.
 
@@ -72,8 +72,8 @@ def check_all(
     remaining runs are killed.
     """
     order = sorted(runs(chosen, tla_dir), key=lambda run: -sum(model.seconds for model in run))
-    verdicts: dict[str, Verdict] = {}
-    stop = stop or tlc.Stop()
+    verdicts: dict[str, ModelVerdict] = {}
+    stop = stop or tlc.TlcStop()
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         futures = [pool.submit(_check, run, tla_dir, stop) for run in order]
         try:
@@ -90,7 +90,7 @@ def check_all(
     return [verdicts[model.cfg] for model in chosen]
 
 
-def _check(run: Sequence[Model], tla_dir: Path, stop: tlc.Stop) -> list[Verdict]:
+def _check(run: Sequence[Model], tla_dir: Path, stop: tlc.TlcStop) -> list[ModelVerdict]:
     """The verdicts on the models of a run. Where a shared one is not as expected, the run of the
     model alone decides, and tells why."""
     shared = {} if len(run) == 1 else _shared(run, tla_dir, stop)
@@ -102,7 +102,7 @@ def _check(run: Sequence[Model], tla_dir: Path, stop: tlc.Stop) -> list[Verdict]
     ]
 
 
-def _shared(run: Sequence[Model], tla_dir: Path, stop: tlc.Stop) -> dict[str, Verdict]:
+def _shared(run: Sequence[Model], tla_dir: Path, stop: tlc.TlcStop) -> dict[str, ModelVerdict]:
     """The verdicts on the models that a shared run has shown to break; none if TLC fails."""
     broken: dict[str, tuple[tlc.TraceState, ...]] = {}
 
@@ -132,7 +132,7 @@ def _shared(run: Sequence[Model], tla_dir: Path, stop: tlc.Stop) -> dict[str, Ve
     return {
         model.cfg: models.judged(
             model,
-            tlc.Result(
+            tlc.TlcResult(
                 "violates",
                 model.breaks,
                 found.distinct_states,

@@ -163,7 +163,7 @@ class Model(BaseModel):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ModelVerdict:
     """TLC's result for a model, compared with the expected one.
 
     problem describes the difference; None if there is none. With the outcome "error", TLC gave no
@@ -176,7 +176,7 @@ class Verdict:
     model: Model
     outcome: Literal["holds", "violates", "incomplete", "error"]
     property: str | None
-    result: tlc.Result | None
+    result: tlc.TlcResult | None
     problem: str | None
     error: tlc.TlcError | None = None
     reached: tuple[str, ...] = ()
@@ -343,8 +343,8 @@ def check(
     heap_mb: int | None = None,
     timeout_s: float | None = None,
     on_progress: Callable[[tlc.Progress], None] | None = None,
-    stop: tlc.Stop | None = None,
-) -> Verdict:
+    stop: tlc.TlcStop | None = None,
+) -> ModelVerdict:
     """Run TLC on a model, with one worker, and compare the result with the expected one.
 
     With more workers, the depth differs from run to run, and with SYMMETRY also the number of
@@ -373,12 +373,12 @@ def check(
     except tlc.TlcError as error:
         if error.partial and error.kind in ("timeout", "memory", "disk"):
             seen = f"incomplete: {error.partial.distinct_states:,} states checked"
-            return Verdict(model, "incomplete", None, None, f"{seen}; {error}", error)
-        return Verdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
+            return ModelVerdict(model, "incomplete", None, None, f"{seen}; {error}", error)
+        return ModelVerdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
     return judged(model, result, reached)
 
 
-def judged(model: Model, result: tlc.Result, reached: Sequence[str]) -> Verdict:
+def judged(model: Model, result: tlc.TlcResult, reached: Sequence[str]) -> ModelVerdict:
     """TLC's result for a model, compared with the expected one."""
     name = result.property
     if name and name.startswith("line "):
@@ -388,11 +388,11 @@ def judged(model: Model, result: tlc.Result, reached: Sequence[str]) -> Verdict:
     violated = None if name is None else PROPERTY_IDS.get(name, name)
     labels = tuple(sorted(set(reached)))
     problem = _problem(model, result, violated, labels)
-    return Verdict(model, result.outcome, violated, result, problem, reached=labels)
+    return ModelVerdict(model, result.outcome, violated, result, problem, reached=labels)
 
 
 def _problem(
-    model: Model, result: tlc.Result, violated: str | None, reached: tuple[str, ...]
+    model: Model, result: tlc.TlcResult, violated: str | None, reached: tuple[str, ...]
 ) -> str | None:
     wrong: list[str] = []
     if model.expect == "holds":

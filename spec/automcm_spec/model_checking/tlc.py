@@ -77,7 +77,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Result:
+class TlcResult:
     """A verdict of TLC.
 
     property is the TLA+ name of the violated property, "Deadlock", or None: TLC does not name a
@@ -95,7 +95,7 @@ class Result:
     loop: int | None = None
 
 
-class Stop:
+class TlcStop:
     """Stops runs from another thread: current ones, and those started later."""
 
     def __init__(self) -> None:
@@ -138,9 +138,9 @@ def run(
     on_progress: Callable[[Progress], None] | None = None,
     on_print: Callable[[str], None] | None = None,
     on_violation: Callable[[str | None, Sequence[TraceState]], None] | None = None,
-    stop: Stop | None = None,
+    stop: TlcStop | None = None,
     short: bool = False,
-) -> Result:
+) -> TlcResult:
     """Check a module of tla_dir with a cfg.
 
     short is for runs of a few seconds: Java then compiles fast instead of well, and uses one core.
@@ -208,7 +208,7 @@ def execute(
     timeout_s: float | None,
     read: Callable[[Iterable[str]], None],
     *,
-    stop: Stop | None = None,
+    stop: TlcStop | None = None,
     name: str = "TLC",
 ) -> int:
     """Run the command, pass its lines to ``read`` as they come, and return its exit code.
@@ -216,7 +216,7 @@ def execute(
     Raises TlcError if it cannot be started, is stopped, or does not end in time. It ends with this
     process and with the calling thread.
     """
-    stop = stop or Stop()
+    stop = stop or TlcStop()
     try:
         process = children.popen(
             command,
@@ -425,7 +425,7 @@ class _Reader:
             location = Location(module, int(line), int(column), int(end_line), int(end_column))
         self._trace.append(TraceState(int(index), action, location, _parse_state(state)))
 
-    def result(self, cfg: Path, code: int, complaint: str, seconds: float) -> Result:
+    def result(self, cfg: Path, code: int, complaint: str, seconds: float) -> TlcResult:
         """The result, once TLC has ended. Raises TlcError if it is not a verdict."""
         if error := self._error(cfg, code, complaint):
             raise error
@@ -437,7 +437,7 @@ class _Reader:
             name = self._name
             if self._violation.code == _DEADLOCKED:
                 name = DEADLOCK
-        return Result(
+        return TlcResult(
             outcome,
             name,
             distinct_states=self._distinct,

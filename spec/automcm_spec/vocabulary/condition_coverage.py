@@ -139,7 +139,7 @@ def lacking(coverage: ConditionCoverage) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpecLine:
     """A line of Station.tla with its coverage.
 
     ``mark`` is ``both``: every condition had all its possible values; ``true``, ``false``: its
@@ -154,7 +154,7 @@ class Line:
     rules: tuple[Condition, ...]
 
 
-def by_operator(coverage: ConditionCoverage) -> dict[str, list[Line]]:
+def by_operator(coverage: ConditionCoverage) -> dict[str, list[SpecLine]]:
     """The text of Station.tla, by operator; the part before the first has an empty name."""
     conditions, deciding = _by_line(reached().conditions), _by_line(reached().rules)
     return {
@@ -168,7 +168,7 @@ def by_operator(coverage: ConditionCoverage) -> dict[str, list[Line]]:
 
 def _line(
     coverage: ConditionCoverage, number: int, text: str, own: list[Condition], by: list[Condition]
-) -> Line:
+) -> SpecLine:
     mark: Mark = ""
     if own:
         mark = _mark(coverage, own)
@@ -176,7 +176,7 @@ def _line(
         mark = "met" if any(coverage.ways[c, True] for c in by) else "never"
     if mark in ("true", "false") and f"~{own[0].text}" in text:
         mark = "part"  # the line negates the condition
-    return Line(number, text, mark, tuple(own), tuple(by))
+    return SpecLine(number, text, mark, tuple(own), tuple(by))
 
 
 def annotated(coverage: ConditionCoverage) -> list[str]:
@@ -203,7 +203,7 @@ def _by_line(conditions: Iterable[Condition]) -> dict[int, list[Condition]]:
     return found
 
 
-def _without_what_follows(body: list[Line]) -> list[Line]:
+def _without_what_follows(body: list[SpecLine]) -> list[SpecLine]:
     """The lines of an operator, without the comment before the next operator."""
     last = len(body)
     while not body[last - 1].text or body[last - 1].text.startswith(("(*", "\\*", "===")):

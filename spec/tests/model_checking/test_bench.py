@@ -83,10 +83,10 @@ def test_what_ends_in_time_is_finished(tmp_path: Path) -> None:
 
 
 def test_what_does_not_end_gives_a_lower_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(module: str, cfg: Path, *, on_progress: Any, **_: object) -> tlc.Result:
+    def run(module: str, cfg: Path, *, on_progress: Any, **_: object) -> tlc.TlcResult:
         left = 0 if cfg.stem == "set" else 7
         on_progress(tlc.Progress(3, 200, 100, left))
-        return tlc.Result("holds", None, 100 * (1 + left), 200, 3, 1.0)
+        return tlc.TlcResult("holds", None, 100 * (1 + left), 200, 3, 1.0)
 
     monkeypatch.setattr(tlc, "run", run)
     result = CliRunner().invoke(app, ["spec", "bench", "--seconds", "1"])
@@ -96,7 +96,7 @@ def test_what_does_not_end_gives_a_lower_bound(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_violation_is_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    violates = tlc.Result("violates", "NoHazardInv", 10, 20, 3, 1.0)
+    violates = tlc.TlcResult("violates", "NoHazardInv", 10, 20, 3, 1.0)
     monkeypatch.setattr(tlc, "run", lambda *args, **options: violates)
     result = CliRunner().invoke(app, ["spec", "bench"])
     assert result.exit_code == 3

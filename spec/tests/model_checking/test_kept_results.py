@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from automcm_spec.model_checking import kept_results, models, tlc, toolchain
-from automcm_spec.model_checking.models import Model, Verdict
+from automcm_spec.model_checking.models import Model, ModelVerdict
 from automcm_spec.model_checking.tla_values import Function, Record
-from automcm_spec.model_checking.tlc import Location, Result, TlcError, TraceState
+from automcm_spec.model_checking.tlc import Location, TlcError, TlcResult, TraceState
 from automcm_spec.support.paths import TLA
 
 RUN = tlc.run
@@ -31,16 +31,16 @@ VALUES = {
 }
 
 
-def printed(model: Model, on_print: Callable[[str], None]) -> Result:
+def printed(model: Model, on_print: Callable[[str], None]) -> TlcResult:
     """As expected."""
     for label in model.reaches or ():
         on_print(f'"<<\\"REACHED\\", \\"{label}\\">>"')
     if model.expect == "holds":
         counts = model.distinct_states or 0, model.states or 0, model.depth or 0
-        return Result("holds", None, *counts, 1.5)
+        return TlcResult("holds", None, *counts, 1.5)
     trace = [TraceState(1, "Initial predicate", None, {"x": 0})]
     trace += [TraceState(n, "Next", PLACE, VALUES) for n in range(2, (model.length or 0) + 1)]
-    return Result("violates", model.breaks, 10, 20, 3, 0.25, tuple(trace), loop=2)
+    return TlcResult("violates", model.breaks, 10, 20, 3, 0.25, tuple(trace), loop=2)
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Runs:
     folder: Path
     ran: list[str] = field(default_factory=list)
     chosen: list[Model] = field(default_factory=lambda: [REAL[name] for name in NAMES])
-    answer: Callable[[Model, Callable[[str], None]], Result] = printed
+    answer: Callable[[Model, Callable[[str], None]], TlcResult] = printed
 
     @property
     def tla(self) -> Path:
@@ -60,7 +60,7 @@ class Runs:
     def results(self) -> Path:
         return self.folder / "runs" / "kept"
 
-    def tlc(self, module: str, cfg: Path, **options: Any) -> Result:
+    def tlc(self, module: str, cfg: Path, **options: Any) -> TlcResult:
         self.ran.append(cfg.stem)
         (model,) = (model for model in self.chosen if model.cfg == cfg.stem)
         return self.answer(model, options["on_print"])
@@ -71,8 +71,8 @@ class Runs:
         self.verdicts(**options)
         return set(self.ran)
 
-    def verdicts(self, **options: Any) -> dict[str, Verdict]:
-        found: list[Verdict] = []
+    def verdicts(self, **options: Any) -> dict[str, ModelVerdict]:
+        found: list[ModelVerdict] = []
         kept_results.check_all(
             self.chosen, self.results, on_done=found.append, tla_dir=self.tla, **options
         )
@@ -218,21 +218,21 @@ def test_a_result_from_elsewhere_is_judged_by_the_model(runs: Runs) -> None:
     assert runs.again() == {"one_by_two"}
 
 
-def other_count(model: Model, on_print: Callable[[str], None]) -> Result:
+def other_count(model: Model, on_print: Callable[[str], None]) -> TlcResult:
     return replace(printed(model, on_print), distinct_states=1, trace=())
 
 
-def violates(model: Model, on_print: Callable[[str], None]) -> Result:
+def violates(model: Model, on_print: Callable[[str], None]) -> TlcResult:
     return replace(printed(model, on_print), outcome="violates", property="AnotherInv")
 
 
-def breaks_off(model: Model, on_print: Callable[[str], None]) -> Result:
+def breaks_off(model: Model, on_print: Callable[[str], None]) -> TlcResult:
     raise TlcError("memory", "TLC ran out of memory")
 
 
 @pytest.mark.parametrize("answer", [other_count, violates, breaks_off])
 def test_only_what_is_as_expected_is_kept(
-    answer: Callable[[Model, Callable[[str], None]], Result], runs: Runs
+    answer: Callable[[Model, Callable[[str], None]], TlcResult], runs: Runs
 ) -> None:
     runs.answer = answer
     assert not any(verdict.ok for verdict in runs.verdicts().values())
@@ -244,7 +244,7 @@ def test_only_what_is_as_expected_is_kept(
 
 
 def test_what_changes_while_tlc_runs_is_not_kept(runs: Runs) -> None:
-    def edited(model: Model, on_print: Callable[[str], None]) -> Result:
+    def edited(model: Model, on_print: Callable[[str], None]) -> TlcResult:
         append(runs.tla / "Station.tla")
         return printed(model, on_print)
 
@@ -260,7 +260,7 @@ def test_what_cannot_be_written_is_not_kept(runs: Runs) -> None:
 
 
 def test_two_at_once_do_not_disturb_each_other(runs: Runs) -> None:
-    found: list[dict[str, Verdict]] = []
+    found: list[dict[str, ModelVerdict]] = []
     both = [
         threading.Thread(target=lambda: found.append(runs.verdicts(fresh=True))) for _ in range(2)
     ]

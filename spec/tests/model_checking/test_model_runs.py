@@ -22,7 +22,7 @@ def test_models_that_differ_in_operators_alone_share_a_run() -> None:
 def test_a_shared_run_finds_the_counterexamples_of_the_single_ones(names: list[str]) -> None:
     """Each with its property, its steps and the names of its actions."""
     run = [QUICK[name] for name in names]
-    together = model_runs._shared(run, TLA, tlc.Stop())
+    together = model_runs._shared(run, TLA, tlc.TlcStop())
     alone = {model.cfg: models.check(model) for model in run}
     found = {name: verdict.trace for name, verdict in together.items()}
     assert list(found) == names and all(verdict.ok for verdict in together.values())

@@ -13,7 +13,7 @@ import pytest
 from automcm_cli.spec.model_output import chosen, kept
 from automcm_maintenance.documents import attacker_table
 from automcm_spec.model_checking import model_runs, models, tlc
-from automcm_spec.model_checking.models import Model, ModelError, Verdict
+from automcm_spec.model_checking.models import Model, ModelError, ModelVerdict
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, TLA
 from automcm_spec.vocabulary import rules
@@ -39,7 +39,7 @@ def model(cfg: str, **changes: object) -> Model:
 
 
 @cache
-def found(cfg: str) -> tlc.Result:
+def found(cfg: str) -> tlc.TlcResult:
     with scratch.folder("model") as folder:
         path = models.written(model(cfg), folder)
         return RUN(model(cfg).module, path, extra=("-lncheck", "final"), short=True)
@@ -317,7 +317,7 @@ def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> N
 
 
 def test_as_expected() -> None:
-    seen: list[Verdict] = []
+    seen: list[ModelVerdict] = []
     chosen = [model("bare_ack"), model("unreduced")]
     verdicts = model_runs.check_all(chosen, on_done=seen.append)
     assert [v.problem for v in verdicts] == [None, None]
@@ -379,14 +379,14 @@ def test_no_verdict() -> None:
 def test_an_interrupt_ends_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     ends: list[str] = []
 
-    def noted(*args: Any, **options: Any) -> tlc.Result:
+    def noted(*args: Any, **options: Any) -> tlc.TlcResult:
         try:
             return RUN(*args, **options)
         except tlc.TlcError as error:
             ends.append(str(error))
             raise
 
-    def interrupt(_: Verdict) -> None:
+    def interrupt(_: ModelVerdict) -> None:
         raise KeyboardInterrupt
 
     chosen = [model("bare_ack", seconds=999.0), model("one_by_three"), model("two_by_one")]

@@ -209,7 +209,7 @@ def test_a_timeout(clock: Path, scratch: Path) -> None:
 
 @pytest.mark.slow
 def test_another_thread_stops_it(clock: Path, scratch: Path) -> None:
-    stop = tlc.Stop()
+    stop = tlc.TlcStop()
     threading.Timer(1, stop.now).start()
     for _ in range(2):  # the one that runs, and one that starts later
         error = fails("Clock", cfg(clock, "endless"), clock, scratch, stop=stop)

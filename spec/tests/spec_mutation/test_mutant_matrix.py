@@ -299,7 +299,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[list[int]]]:
     ) -> list[list[int]]:
         ran: list[list[int]] = []
 
-        def run(module: str, cfg: Path, *, tla_dir: Path, on_print: Any, **_: Any) -> tlc.Result:
+        def run(module: str, cfg: Path, *, tla_dir: Path, on_print: Any, **_: Any) -> tlc.TlcResult:
             def say(number: int, name: str) -> None:
                 if number in numbers or name == "DIFFERS":
                     on_print(json.dumps(f'<<"MUTANT", {number}, "{name}">>'))
@@ -318,7 +318,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[list[int]]]:
                 error = says(numbers, say)
                 if error is not None:
                     raise error
-            return tlc.Result("holds", None, COUNT.distinct_states or 0, 1, 1, 1)
+            return tlc.TlcResult("holds", None, COUNT.distinct_states or 0, 1, 1, 1)
 
         monkeypatch.setattr(tlc, "run", run)
         return ran

@@ -14,8 +14,8 @@ from mutant_stage import folder as folder
 from automcm_maintenance.spec_mutation import mutant_runs, mutants
 from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models
-from automcm_spec.model_checking.models import Model, Verdict
-from automcm_spec.model_checking.tlc import ErrorKind, Result, TlcError
+from automcm_spec.model_checking.models import Model, ModelVerdict
+from automcm_spec.model_checking.tlc import ErrorKind, TlcError, TlcResult
 
 
 def must_fail(cfg: str, seconds: float) -> Model:
@@ -59,20 +59,22 @@ def test_a_property_kills_counts_kill_and_an_equivalent_mutant_survives(folder: 
     assert again.outcomes == report.outcomes
 
 
-Answer = Callable[[Model, list[str]], Verdict]
+Answer = Callable[[Model, list[str]], ModelVerdict]
 
 
-def ok(model: Model, problem: str | None = None) -> Verdict:
-    return Verdict(model, model.expect, model.property, Result("holds", None, 1, 1, 1, 1), problem)
+def ok(model: Model, problem: str | None = None) -> ModelVerdict:
+    return ModelVerdict(
+        model, model.expect, model.property, TlcResult("holds", None, 1, 1, 1, 1), problem
+    )
 
 
-def violated(model: Model, name: str | None) -> Verdict:
+def violated(model: Model, name: str | None) -> ModelVerdict:
     id_ = None if name is None else {"OneSessionProp": "S-1"}.get(name, name)
-    return Verdict(model, "violates", id_, Result("violates", name, 1, 1, 1, 1), "violated")
+    return ModelVerdict(model, "violates", id_, TlcResult("violates", name, 1, 1, 1, 1), "violated")
 
 
-def failed(model: Model, kind: ErrorKind) -> Verdict:
-    return Verdict(model, "error", None, None, "no verdict", TlcError(kind, kind))
+def failed(model: Model, kind: ErrorKind) -> ModelVerdict:
+    return ModelVerdict(model, "error", None, None, "no verdict", TlcError(kind, kind))
 
 
 @pytest.fixture
@@ -82,7 +84,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[Answer],
     def install(answer: Answer) -> list[str]:
         ran: list[str] = []
 
-        def check(model: Model, *, tla_dir: Path, **_: object) -> Verdict:
+        def check(model: Model, *, tla_dir: Path, **_: object) -> ModelVerdict:
             if (tla_dir / "Tiny.tla").read_text() == TINY:
                 return ok(model)
             ran.append(model.cfg)
@@ -101,7 +103,7 @@ FOUR = [tiny("d", 30), must_fail("b", 1), tiny("c", 5), tiny("a", 2)]
 
 
 def test_after_a_kill_by_counts_a_property_is_looked_for(folder: Path, pretend: Any) -> None:
-    def answer(model: Model, checked: list[str]) -> Verdict:
+    def answer(model: Model, checked: list[str]) -> ModelVerdict:
         return ok(model, "depth is 3") if model.cfg == "a" else violated(model, "OneSessionProp")
 
     ran = pretend(answer)
@@ -135,7 +137,7 @@ def test_how_a_mutant_is_killed(folder: Path, pretend: Any, how: str, answer: An
 
 
 def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
-    def answer(model: Model, checked: list[str]) -> Verdict:
+    def answer(model: Model, checked: list[str]) -> ModelVerdict:
         if model.cfg != "a" or checked == ["OneSessionProp"]:
             return ok(model)
         return violated(model, "Small" if "Small" in checked else None)
@@ -164,7 +166,7 @@ def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
 def test_on_a_slower_machine_a_model_gets_more_time(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def check(model: Model, *, tla_dir: Path, timeout_s: float, **_: object) -> Verdict:
+    def check(model: Model, *, tla_dir: Path, timeout_s: float, **_: object) -> ModelVerdict:
         """One second when it was recorded, thirty here."""
         if timeout_s < 30:
             return failed(model, "timeout")

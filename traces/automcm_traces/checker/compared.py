@@ -12,7 +12,7 @@ from typing import Final, get_args
 from automcm_spec.vocabulary import application
 from automcm_spec.vocabulary.messages import Fields, Message, same, to_dict
 from automcm_spec.vocabulary.station import State
-from automcm_traces.checker.track import CONTENT, Step
+from automcm_traces.checker.track import CONTENT, InputStep
 
 COMPARED: Final[Mapping[str, tuple[str, ...]]] = {
     "send": (
@@ -51,7 +51,7 @@ def told(name: str, given: Fields) -> dict[str, object]:
 
 
 def wrongly_told(
-    name: str, given: Fields, step: Step, before: State, lease_ms: int | None
+    name: str, given: Fields, step: InputStep, before: State, lease_ms: int | None
 ) -> dict[str, tuple[object, object]]:
     """The fields of an indication of a step that differ: what was expected, and what was found.
 

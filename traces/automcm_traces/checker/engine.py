@@ -38,10 +38,10 @@ from automcm_traces.checker.track import (
     RESTARTED,
     UNBOUND,
     CannotTell,
-    Limits,
+    InputStep,
+    MemoryLimits,
     Quarantine,
     SpecInput,
-    Step,
     Track,
     advance_track,
     armed_name,
@@ -89,7 +89,7 @@ specification = cache(Specification)
 """The ``Specification`` for these rounds, participants, outbox and memory, shared by all logs."""
 
 
-class Malformed(NamedTuple):
+class NoInput(NamedTuple):
     """A malformed or rejected message, no input: it causes only ``discarded`` (END-5)."""
 
     line: int
@@ -121,18 +121,18 @@ class Engine:
         self._late_ms = header.longest_delay if late_ms is None else late_ms
         rounds, *limits = (p.get(name, DEFAULTS[name]) for name in LIMITS)
         resend = header.t_resend, self._clock_drift
-        self.track = Track(header.station, rounds, Limits(*limits), *resend)
+        self.track = Track(header.station, rounds, MemoryLimits(*limits), *resend)
         self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
         """The time of the last event other than a CAM; unobserved inputs happened later."""
-        self.observer: Callable[[Step, Track], None] | None = None
+        self.observer: Callable[[InputStep, Track], None] | None = None
         """Called after each complete step, with the station after it."""
-        self.step: Step | None = None
+        self.step: InputStep | None = None
         """The last input and the effects still expected; None after ``finish``."""
-        self.malformed: Malformed | None = None
+        self.malformed: NoInput | None = None
         """The last input, if it was a malformed message."""
-        self._no_op_cams: dict[tuple[int, bool, bool], Step] = {}
+        self._no_op_cams: dict[tuple[int, bool, bool], InputStep] = {}
         """Steps for CAMs that change nothing in the current state, by sender, marked, newer."""
 
     def copy(self) -> Self:
@@ -249,7 +249,7 @@ class Engine:
         if self.observer is not None:
             self.observer(step, self.track)
 
-    def _lift(self, step: Step) -> None:
+    def _lift(self, step: InputStep) -> None:
         t, m = self.track, step.given
         if step.input[0] == "restart":
             self.timers = {k: d for k, d in self.timers.items() if k.name == "quarantine"}
@@ -290,12 +290,12 @@ class Engine:
         match event:
             case Receive(message=None, rejected=reason):
                 why = f"rejected ({reason})" if reason else "malformed (raw bytes)"
-                self.malformed = Malformed(at, False, why)
+                self.malformed = NoInput(at, False, why)
             case Receive(message=dict(fields)):
                 m = typed(fields)
                 if isinstance(m, list):  # END-5: the only effect is "discarded"
                     mine = fields.get("dst", self.track.me) == self.track.me
-                    self.malformed = Malformed(at, mine, f"malformed ({': '.join(m[0])})")
+                    self.malformed = NoInput(at, mine, f"malformed ({': '.join(m[0])})")
                 elif isinstance(m, Cam):
                     self._cam_received(at, event, m)
                 else:
@@ -318,7 +318,7 @@ class Engine:
             return
         decided = k.input, k.what, k.rule, k.after, False, k.indication
         effects = k.messages, k.arm, k.stop, k.indications
-        self.step = Step(at, t_ms, event, *decided, *effects, m, k.content, t_ms)
+        self.step = InputStep(at, t_ms, event, *decided, *effects, m, k.content, t_ms)
 
     def _expired(self, at: int, event: Event, timer: Timer) -> None:
         what, rule = f"expire {timer_name(timer)}", self._rule_of(timer)
@@ -338,11 +338,13 @@ class Engine:
             raise Diverges(at, gone, "END-6", [], "", None, seen)
         self._begin_step(at, event.t_ms, event, question)
 
-    def _begin_step(self, at: int, t_ms: int, event: Event | None, question: SpecInput) -> Step:
+    def _begin_step(
+        self, at: int, t_ms: int, event: Event | None, question: SpecInput
+    ) -> InputStep:
         """Begin the step of an input: work out its expected effects."""
         t, value, given = self.track, question.value, question.given
         found, stays = self._specification.answer(t.me, t.state, value)
-        step = self.step = Step(
+        step = self.step = InputStep(
             at,
             t_ms,
             event,
@@ -365,7 +367,7 @@ class Engine:
 
     # -- effects
 
-    def _current(self, at: int, t_ms: int, event: str, seen: Seen) -> Step:
+    def _current(self, at: int, t_ms: int, event: str, seen: Seen) -> InputStep:
         """The step of an effect. The first effect bounds the time of an unobserved input."""
         step = self.step
         if step is None:
@@ -493,7 +495,7 @@ class Engine:
         armed = "" if last is None else f"due {last - t_ms} ms after line {at}"
         self.timers[timer] = Deadline(first, last, armed)
 
-    def _assume_timers(self, step: Step) -> None:
+    def _assume_timers(self, step: InputStep) -> None:
         """Stop and arm the timers of the step, in a log that does not promise timer events."""
         stop, arm = self.timers_to_change()
         for timer in stop:
@@ -506,14 +508,14 @@ class Engine:
                 self._arm(timer, first, last, step.at, step.t_ms)
         step.stop, step.arm = [], []
 
-    def _duration(self, step: Step, timer: Timer) -> int | None:
+    def _duration(self, step: InputStep, timer: Timer) -> int | None:
         if timer.name != "lease":
             return self._durations.get(timer.name)
         if (lease_ms := self._lease_of(step)) is not None:
             return lease_lasts(self._clock_drift, "prescriber", lease_ms)
         return self.track.lease_ms or None
 
-    def _lease_of(self, step: Step) -> int | None:
+    def _lease_of(self, step: InputStep) -> int | None:
         """The lease of the Prescription that the station sent in this step."""
         sent = (m.lease_ms for _, m in step.sent if isinstance(m, Prescription))
         return next(sent, None)

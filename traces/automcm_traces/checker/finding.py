@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from automcm_spec.log_format.log import Timer
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.checker.track import Step
+from automcm_traces.checker.track import InputStep
 
 Kind = Literal[
     "nothing",
@@ -118,7 +118,7 @@ class Diverges(Exception):
         rule: str,
         wanted: Sequence[str],
         guard: str,
-        step: Step | None = None,
+        step: InputStep | None = None,
         seen: Seen | None = None,
         mismatch: int = 0,
     ) -> None:

@@ -19,7 +19,7 @@ from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION, LogStart
 from automcm_traces.checker.possible_states import Possible
-from automcm_traces.checker.track import CannotTell, Step, Track
+from automcm_traces.checker.track import CannotTell, InputStep, Track
 
 NEEDED = ("command", "receive", "restart", "send", "timer")
 """The event kinds that a log must promise for the state of its station to be known."""
@@ -68,7 +68,7 @@ class Watcher:
     def event(self, line: int, event: Event, engine: Follower) -> None:
         """Called after each event."""
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         """Called after each complete step."""
 
     def ended(self, ending: Ending) -> None:
@@ -201,7 +201,7 @@ class Check:
             ending.finding = cannot_tell(log.file, ending.judged_from, text)
         ending.decided = not self.over
 
-    def _after(self, step: Step, track: Track) -> None:
+    def _after(self, step: InputStep, track: Track) -> None:
         for watcher in self._watchers:
             watcher.step(step, track)
 

@@ -114,7 +114,7 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
     return [*found.expiries(st), *found.proper, *found.broken]
 
 
-class Answer(NamedTuple):
+class InputAnswer(NamedTuple):
     """An input, its outcome, and whether it changes the state or a timer."""
 
     input: Input
@@ -126,7 +126,7 @@ def _type(i: Input) -> str:
     return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
 
 
-def answers(t: Track, event: Event) -> tuple[Answer, ...]:
+def answers(t: Track, event: Event) -> tuple[InputAnswer, ...]:
     """The inputs that may have come unobserved before an event, and their outcomes."""
     peers, sessions, proposals = _named_by(event)
     st = t.state
@@ -146,10 +146,10 @@ def _answers(
     sessions: frozenset[Session],
     proposals: frozenset[int],
     st: State,
-) -> tuple[Answer, ...]:
+) -> tuple[InputAnswer, ...]:
     """The inputs that have an effect in this state, one for each distinct outcome."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
-    found: dict[tuple[object, ...], Answer] = {}
+    found: dict[tuple[object, ...], InputAnswer] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
         if not alphabet.offered(st, i):
             continue
@@ -157,7 +157,7 @@ def _answers(
         changes = bool(outcome.st != st or outcome.arm)
         if changes or outcome.out or outcome.told != alphabet.nothing:
             key = i if i.kind == "expire" else i.kind, _type(i), outcome
-            found.setdefault(key, Answer(i, outcome, changes))
+            found.setdefault(key, InputAnswer(i, outcome, changes))
     return tuple(found.values())
 
 

@@ -30,7 +30,7 @@ from automcm_spec.log_format.log import (
 from automcm_spec.vocabulary.station import Input, Outcome
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
-from automcm_traces.checker.input_alphabet import Answer, answers
+from automcm_traces.checker.input_alphabet import InputAnswer, answers
 from automcm_traces.checker.track import NO_INDICATION, CannotTell, SpecInput, Track, named, short
 
 CHAIN = 8
@@ -341,7 +341,7 @@ def _is_cam(event: Event) -> bool:
     )
 
 
-def _shows(answer: Answer, event: Event) -> bool:
+def _shows(answer: InputAnswer, event: Event) -> bool:
     """Whether an event may be an effect of an input."""
     outcome = answer.outcome
     match event:

@@ -55,7 +55,7 @@ class CannotTell(Exception):
 
 
 @dataclass(slots=True)
-class Entry:
+class OutboxEntry:
     """A reliable message that is still being sent; ``k`` is its seq in the specification."""
 
     type: str
@@ -71,7 +71,7 @@ class Entry:
         return spec.Entry(self.type, self.to, self.session, self.k, accepted)
 
 
-class Limits(NamedTuple):
+class MemoryLimits(NamedTuple):
     """The limits on a station's memory (MEM-1)."""
 
     participants: int = DEFAULTS["max_participants"]
@@ -89,7 +89,7 @@ class Quarantine(NamedTuple):
     lasts_ms: int | None
 
 
-DEFAULT_LIMITS = Limits()
+DEFAULT_LIMITS = MemoryLimits()
 _STATION = Station(ROUNDS, *DEFAULT_LIMITS)
 INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
@@ -101,11 +101,11 @@ class Track:
 
     me: int
     max_rounds: int = ROUNDS
-    limits: Limits = DEFAULT_LIMITS
+    limits: MemoryLimits = DEFAULT_LIMITS
     t_resend: int = DEFAULTS["t_resend"]
     clock_drift: int = 0
     state: State = INITIAL
-    outbox: list[Entry] = field(default_factory=list)
+    outbox: list[OutboxEntry] = field(default_factory=list)
     """The entries of the state's outbox with their messages, in sending order."""
     advertisement: Message | None = None
     last_cam_ms: int | None = None
@@ -145,21 +145,23 @@ class Track:
         marks = {e.session for e in self.outbox if e.type == "Fin"}
         return sorted(marks | ({self.session} if self.session else set()))
 
-    def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> Entry | None:
+    def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> OutboxEntry | None:
         """The outbox entry with these values; None if there is none."""
         for e in self.outbox:
             if (e.type, e.to, e.session, e.k) == (type_, to, session, k):
                 return e
         return None
 
-    def entry_by_seq(self, type_: str, to: int, session: tuple[int, int], seq: int) -> Entry | None:
+    def entry_by_seq(
+        self, type_: str, to: int, session: tuple[int, int], seq: int
+    ) -> OutboxEntry | None:
         """The outbox entry that a timer or an Ack names by its seq on the wire."""
         for e in self.outbox:
             if (e.type, e.to, e.session, e.message.seq) == (type_, to, session, seq):
                 return e
         return None
 
-    def entry_of(self, key: MessageKey) -> Entry | None:
+    def entry_of(self, key: MessageKey) -> OutboxEntry | None:
         """The outbox entry that a timer names; None if there is none."""
         return self.entry_by_seq(key.type, key.to or 0, key.session, key.seq)
 
@@ -194,7 +196,7 @@ class Expected:
     reason: str
     of: tuple[str, int | None] | None
     """The message that an Ack names; its seq is None if that message was not observed."""
-    copy_of: Entry | None
+    copy_of: OutboxEntry | None
 
     def __str__(self) -> str:
         extra = [f"proposal={self.proposal}"] if self.proposal else []
@@ -219,7 +221,7 @@ def expected(t: Track, m: spec.Message, i: Input, given: Message | Cam | None) -
         of = i.message.type, seq if i.message.seq else 0
     copy = t.entry(m.type, m.dst, m.session, m.seq) if m.seq else None
     if m.type == "Advertisement" and t.advertisement is not None:
-        copy = Entry(m.type, 0, m.session, 1, t.advertisement)
+        copy = OutboxEntry(m.type, 0, m.session, 1, t.advertisement)
     more = m.proposal, m.accepted, m.reason
     return Expected(m.type, m.dst, m.session, m.seq, *more, of, copy)
 
@@ -305,7 +307,7 @@ def advance_track(t: Track, after: State, sent: Iterable[tuple[Expected, Message
             me, number = t.me, m.session[1]
             t.state, t.advertisement = after._replace(session=(me, number), number=number), m
         elif e.k and e.copy_of is None:
-            t.outbox.append(Entry(e.type, e.dst, e.session, e.k, m))
+            t.outbox.append(OutboxEntry(e.type, e.dst, e.session, e.k, m))
         if e.k and e.copy_of is None and t.session is not None:
             t.seq = max(t.seq, m.seq)
         if isinstance(m, Prescription) and e.copy_of is None:
@@ -328,7 +330,7 @@ class SpecInput(NamedTuple):
 
 
 @dataclass(slots=True)
-class Step:
+class InputStep:
     """An input and the effects that are still expected."""
 
     at: int
@@ -366,7 +368,7 @@ class Step:
         where = line(rule, self.input)
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
 
-    def copy(self) -> Step:
+    def copy(self) -> InputStep:
         """A copy for a copied station."""
         return replace(
             self,
@@ -488,7 +490,9 @@ def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Ti
     return PlainTimer.model_construct(name=name)
 
 
-def match(track: Track, step: Step, timer: Timer, pool: Sequence[spec.Timer]) -> spec.Timer | None:
+def match(
+    track: Track, step: InputStep, timer: Timer, pool: Sequence[spec.Timer]
+) -> spec.Timer | None:
     """The timer in ``pool`` that a logged timer names; None if there is none."""
     for one in pool:
         if one[0] != timer.name:
@@ -505,7 +509,7 @@ def match(track: Track, step: Step, timer: Timer, pool: Sequence[spec.Timer]) ->
     return None
 
 
-def _names(track: Track, step: Step, key: MessageKey, entry: spec.Entry) -> bool:
+def _names(track: Track, step: InputStep, key: MessageKey, entry: spec.Entry) -> bool:
     """Whether the key of a logged timer names this outbox entry."""
     if (key.type, key.to or 0) != (entry.type, entry.to):
         return False

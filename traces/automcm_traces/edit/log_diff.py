@@ -30,7 +30,7 @@ _Fields = tuple[tuple[str, object, object], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class RunDifference:
     """The first event that differs; one of the two may be missing."""
 
     a: CanonicalEvent | None
@@ -51,7 +51,7 @@ class StationDiff:
     file_b: str
     steps: int = 0
     """The number of equal steps."""
-    difference: Difference | None = None
+    difference: RunDifference | None = None
     apart_ms: int = 0
     """The maximum time difference of equal steps, each time measured from the first step of its
     log."""
@@ -189,7 +189,7 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
         first = _differ(one, other)
         if first is not None:
             shown = zip(*kept, strict=True)
-            found.difference = Difference(*first, *(tuple(steps) for steps in shown))
+            found.difference = RunDifference(*first, *(tuple(steps) for steps in shown))
             found.pairs += _pairs(one, other, first[:2])
             break
         found.steps += 1
@@ -333,7 +333,7 @@ def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:
     yield from list(_rows(d, each))[-ROWS:]
 
 
-def _rows(d: Difference, each: int) -> Iterator[str]:
+def _rows(d: RunDifference, each: int) -> Iterator[str]:
     for a, b in zip(d.steps_a, d.steps_b, strict=True):
         for x, y in zip_longest(_paired(a, b)[0], _paired(a, b)[1]):
             mark = "!" if (x is not None and x is d.a) or (y is not None and y is d.b) else " "

@@ -25,7 +25,7 @@ from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_traces.checker.finding import Finding
 from automcm_traces.edit.log_slice import Item, LogSlice
 from automcm_traces.explain.explain import Verdict, explain, explain_files, forged
-from automcm_traces.explain.log_table import Row
+from automcm_traces.explain.log_table import TableRow
 from automcm_traces.system.properties import SystemReport, judge
 
 TRIES = 3000
@@ -98,10 +98,10 @@ class Shrunk:
             )
         return lines
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[TableRow]:
         """All remaining events, log by log, with their lines in the new files."""
         return [
-            Row(log.header.station, line, item.event)
+            TableRow(log.header.station, line, item.event)
             for log in self.logs
             for line, item in enumerate(log.items, 2)
         ]

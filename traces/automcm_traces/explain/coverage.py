@@ -24,7 +24,7 @@ from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
 from automcm_traces.checker.finding import Finding, unreadable
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
-from automcm_traces.checker.track import INITIAL, Step, Track
+from automcm_traces.checker.track import INITIAL, InputStep, Track
 
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*get_args(MessageType), "CAM")
@@ -35,7 +35,7 @@ Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]
 
 
 @dataclass(frozen=True)
-class Possible:
+class Coverable:
     """The elements of the specification that logs can cover."""
 
     rules: tuple[str, ...]
@@ -47,7 +47,7 @@ class Possible:
 
 
 @cache
-def possible() -> Possible:
+def possible() -> Coverable:
     """The elements, from a station with one peer: it has all phases, transitions and kinds of input
     (tests)."""
     one = frozenset({1})
@@ -58,7 +58,7 @@ def possible() -> Possible:
         if after.st != st or after.arm
     }
     deciding = {c.text for c in reached().rules}
-    return Possible(
+    return Coverable(
         tuple(rule for rule in RULES if rule in deciding),
         tuple(sorted(o.phases)),
         tuple(sorted(ways)),
@@ -67,7 +67,7 @@ def possible() -> Possible:
 
 
 @dataclass
-class Coverage:
+class LogCoverage:
     """The combined coverage of all logs given to ``add``."""
 
     logs: int = 0
@@ -155,7 +155,7 @@ class Coverage:
 class _Counter(Watcher):
     """Counts the coverage of one log."""
 
-    def __init__(self, coverage: Coverage) -> None:
+    def __init__(self, coverage: LogCoverage) -> None:
         self._c = coverage
         self._before = INITIAL
         self._events = 0
@@ -177,7 +177,7 @@ class _Counter(Watcher):
         elif isinstance(event, Receive) and event.message is not None:
             self._c.received[str(event.message["type"])] += 1
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         was, self._before = self._before, track.state
         self._c.steps += 1
         self._c.rules[step.rule] += 1
@@ -188,9 +188,9 @@ class _Counter(Watcher):
         self._c.count(track, was, step.input)
 
 
-def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
+def measure(paths: Iterable[Path], late_ms: int | None = None) -> LogCoverage:
     """The combined coverage of these logs."""
-    coverage = Coverage()
+    coverage = LogCoverage()
     for path in paths:
         coverage.add(path, late_ms)
     return coverage
@@ -199,7 +199,7 @@ def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
 EXIT: dict[Problem, int] = {"diverges": 1, "unreadable": 3, "cannot_tell": 4}
 
 
-def exit_code(coverage: Coverage) -> int:
+def exit_code(coverage: LogCoverage) -> int:
     """0 if each log was counted to its end, otherwise the most severe of 1, 3, 4."""
     codes = {EXIT[what] for _, _, what, _ in coverage.problems}
     return next((code for code in (1, 3, 4) if code in codes), 0)
@@ -214,7 +214,7 @@ _PROBLEMS: dict[Problem, str] = {
 }
 
 
-def text(coverage: Coverage) -> list[str]:
+def text(coverage: LogCoverage) -> list[str]:
     """The report as text: each count with its total, and the elements that were never seen."""
     c = coverage
     logs = "1 log" if c.logs == 1 else f"{c.logs:,} logs"
@@ -235,7 +235,7 @@ def text(coverage: Coverage) -> list[str]:
     return lines
 
 
-def problems(coverage: Coverage) -> list[str]:
+def problems(coverage: LogCoverage) -> list[str]:
     """A line for each log that was not counted to its end."""
     return [
         f"{at_line(one_line(file), line)}: {problem.replace('_', ' ').upper()}: {why}"
@@ -243,7 +243,7 @@ def problems(coverage: Coverage) -> list[str]:
     ]
 
 
-def shares(coverage: Coverage) -> Iterator[tuple[str, int, int, list[str]]]:
+def shares(coverage: LogCoverage) -> Iterator[tuple[str, int, int, list[str]]]:
     """For each kind of element: its name, how many were seen, how many there are, and the others.
 
     For conditions, the others are the lines of ``lacking``.

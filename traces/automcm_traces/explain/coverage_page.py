@@ -11,14 +11,14 @@ from automcm_spec.support.templates import environment
 from automcm_spec.vocabulary.condition_coverage import (
     BOTH,
     ConditionCoverage,
-    Line,
     Mark,
+    SpecLine,
     by_operator,
     reached,
 )
 from automcm_spec.vocabulary.conditions import Condition
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.explain.coverage import Coverage, problems, shares
+from automcm_traces.explain.coverage import LogCoverage, problems, shares
 
 Colour = Literal["taken", "part", "missed", "neutral"]
 COLOURS: Mapping[Mark, Colour] = {
@@ -44,7 +44,7 @@ class Shown(NamedTuple):
     """How often each rule decided there."""
 
 
-def page(coverage: Coverage) -> str:
+def page(coverage: LogCoverage) -> str:
     """The page, which is one file and needs no network."""
     conditions = coverage.conditions
     parts = {
@@ -64,7 +64,7 @@ def page(coverage: Coverage) -> str:
     )
 
 
-def _shown(coverage: ConditionCoverage, line: Line) -> Shown:
+def _shown(coverage: ConditionCoverage, line: SpecLine) -> Shown:
     decided: Counter[str] = Counter()
     for c in line.rules:
         decided[c.text] += coverage.ways[c, True]

@@ -30,10 +30,10 @@ from automcm_traces.checker.finding import (
 )
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.log_start import MID_SESSION
-from automcm_traces.checker.track import Step, Track
+from automcm_traces.checker.track import InputStep, Track
 from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import Row
+from automcm_traces.explain.log_table import TableRow
 from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.system.delivery import forged_receptions
 from automcm_traces.system.properties import SystemReport, judge
@@ -53,7 +53,7 @@ MOST = 100
 
 
 @dataclass(slots=True)
-class Session:
+class OwnSession:
     """A session from the point of view of one station."""
 
     session: tuple[int, int]
@@ -86,11 +86,11 @@ class Session:
         return f"{name}, lines {self.first} to {self.last}: {way}; ended by {self.rule}: {why}"
 
 
-class Sessions(Watcher):
+class OwnSessions(Watcher):
     """Collects the sessions of a station."""
 
     def __init__(self, most: int = MOST) -> None:
-        self.kept: list[Session] = []
+        self.kept: list[OwnSession] = []
         """The last ``most`` sessions."""
         self.number = 0
         self.first_ms: int | None = None
@@ -102,7 +102,7 @@ class Sessions(Watcher):
         if self.first_ms is None:
             self.first_ms = event.t_ms
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         """Update the sessions after a step."""
         current = self.kept[-1] if self.kept and not self.kept[-1].last else None
         if current is not None and current.session != track.session:
@@ -112,7 +112,7 @@ class Sessions(Watcher):
             return
         if current is None:
             self.number += 1
-            current = Session(track.session, track.state.role, step.at, [])
+            current = OwnSession(track.session, track.state.role, step.at, [])
             self.kept = [*self.kept[1 - self._most :], current]
         if current.phases[-1:] != [track.state.phase]:
             current.phases.append(track.state.phase)
@@ -132,7 +132,7 @@ class Verdict:
     """The problems that the reader ignored: an unknown event, an incomplete line, a missing end."""
     unobserved: tuple[str, ...] = ()
     """The event kinds that the log does not promise."""
-    sessions: tuple[Session, ...] = ()
+    sessions: tuple[OwnSession, ...] = ()
     """The last sessions of the station, if the log determines its state."""
     number_of_sessions: int = 0
     header: Header | None = None
@@ -200,7 +200,7 @@ class Noted:
     def __init__(self, log: Log | LogStream, most: int = MOST) -> None:
         """``most`` is the maximum number of sessions kept."""
         self._log = log
-        self._sessions, self._hints = Sessions(most), Hints(log.header)
+        self._sessions, self._hints = OwnSessions(most), Hints(log.header)
         self._rejections = Rejections()
 
     @property
@@ -246,7 +246,7 @@ class Noted:
         )
 
 
-def _first_ms(ending: Ending, sessions: Sessions) -> int | None:
+def _first_ms(ending: Ending, sessions: OwnSessions) -> int | None:
     if sessions.first_ms is None and ending.recent:
         return ending.recent[0][1].t_ms
     return sessions.first_ms
@@ -464,7 +464,7 @@ def _diverges(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
         yield f"  in {verdict.sessions[-1]}"
     if verdict.recent and verdict.header is not None:
         station = verdict.header.station
-        rows = [Row(station, line, event) for line, event in verdict.recent]
+        rows = [TableRow(station, line, event) for line, event in verdict.recent]
         zero = None if start_ms is None else {station: start_ms}
         yield from (f"  {line}" for line in columns(rows, [station], 78, zero))
 

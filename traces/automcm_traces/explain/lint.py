@@ -97,7 +97,7 @@ def lint(path: str | Path) -> Iterator[Finding]:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class LintReport:
     """The findings in one file: the first ones are kept, all are counted."""
 
     file: str
@@ -126,7 +126,7 @@ class Report:
         }
 
 
-def report(path: str | Path, most: int = 0) -> Report:
+def report(path: str | Path, most: int = 0) -> LintReport:
     """The first ``most`` findings in the log at ``path`` (0: all), and the number of all."""
     kept: list[Finding] = []
     levels: Counter[str] = Counter()
@@ -136,8 +136,8 @@ def report(path: str | Path, most: int = 0) -> Report:
             if not most or len(kept) < most:
                 kept.append(finding)
     except BadInput as error:
-        return Report(name_of(path), kept, levels["error"], levels["warning"], error)
-    return Report(name_of(path), kept, levels["error"], levels["warning"])
+        return LintReport(name_of(path), kept, levels["error"], levels["warning"], error)
+    return LintReport(name_of(path), kept, levels["error"], levels["warning"])
 
 
 FIRST = 5
@@ -193,13 +193,13 @@ def errors_text(kinds: Sequence[Repeated], path: str | Path) -> list[str]:
 EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
 
 
-def exit_code(reports: Sequence[Report]) -> int:
+def exit_code(reports: Sequence[LintReport]) -> int:
     """The exit code for the most severe report: findings, then unreadable."""
     codes = {EXIT[r.verdict] for r in reports}
     return next((code for code in (1, 3) if code in codes), 0)
 
 
-def text(report: Report) -> str:
+def text(report: LintReport) -> str:
     """The report as text: a line for each finding, and one for the file."""
     lines = [finding_text(finding) for finding in report.findings]
     left = report.errors + report.warnings - len(report.findings)

@@ -11,7 +11,7 @@ from automcm_spec.log_format.event_text import Kind, Word, fitted, safe, words
 from automcm_spec.log_format.log import End, Header, Send
 from automcm_spec.log_format.reader import Notice, records
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_table import FilteredRows, Row
+from automcm_traces.explain.log_table import FilteredRows, TableRow
 from automcm_traces.system.copy_folding import Key, folded, key_of
 
 WIDTH = 80
@@ -42,7 +42,7 @@ def first_times(paths: Iterable[Path]) -> dict[int, int]:
     return found
 
 
-class Table:
+class LogTable:
     """Lays out rows in columns. Call ``lines`` for one row after the other.
 
     ``start_ms`` has the time that counts as 0 for each station; the others have absolute times.
@@ -73,7 +73,9 @@ class Table:
         names = " ".join(fitted(str(s), self._width) for s in self._stations)
         return [f"{time} {names}".rstrip()]
 
-    def lines(self, row: Row, phase_before: str = "", times: int = 1) -> Iterator[tuple[Kind, str]]:
+    def lines(
+        self, row: TableRow, phase_before: str = "", times: int = 1
+    ) -> Iterator[tuple[Kind, str]]:
         """The row, and a further line if it changes the phase of its station.
 
         ``phase_before`` is the phase before this row, where earlier rows are left out. ``times``
@@ -93,7 +95,7 @@ class Table:
         if phase is not None:
             self._phase[row.station] = phase
 
-    def _texts(self, row: Row, times: int) -> list[str]:
+    def _texts(self, row: TableRow, times: int) -> list[str]:
         """The row as lines that fit."""
         if row.event is None:
             return [fitted(safe(row.text), self._width)]
@@ -140,21 +142,21 @@ def _size(text: str) -> int:
 
 
 def columns(
-    rows: Iterable[Row],
+    rows: Iterable[TableRow],
     stations: Sequence[int],
     width: int = WIDTH,
     start_ms: Mapping[int, int] | None = None,
 ) -> list[str]:
     """The rows as lines of at most ``width`` terminal columns, with column headings."""
-    table = Table(stations, width, start_ms)
+    table = LogTable(stations, width, start_ms)
     return table.head() + [line for row in rows for _, line in table.lines(row)]
 
 
-def folds(rows: FilteredRows, unfold: bool = False) -> Iterator[tuple[Row, str, int]]:
+def folds(rows: FilteredRows, unfold: bool = False) -> Iterator[tuple[TableRow, str, int]]:
     """The rows, the phase of the station before each, and the number of copies for which it
     stands: 1 with ``unfold``."""
 
-    def key(item: tuple[Row, str]) -> Key | None:
+    def key(item: tuple[TableRow, str]) -> Key | None:
         row = item[0]
         if row.event is None or unfold:
             return None

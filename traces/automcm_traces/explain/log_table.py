@@ -32,7 +32,7 @@ from automcm_traces.system.streamed_fates import StreamedFates
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """An event or a note about a log, with its place."""
 
     station: int
@@ -101,7 +101,7 @@ class Logs:
             self.warnings.append(safe(f"the logs are of different runs: {names}"))
         self.stations = tuple(sorted(self._paths))
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[TableRow]:
         """All rows in one possible order, read lazily."""
         fates = StreamedFates(self._paths)
         feeds = {station: self._feed(station) for station in self.stations}
@@ -117,25 +117,25 @@ class Logs:
             if (after := next(feeds[station], None)) is not None:
                 heads[station] = after
 
-    def _feed(self, station: int) -> Iterator[Row]:
+    def _feed(self, station: int) -> Iterator[TableRow]:
         try:
             for entry in records(self._paths[station], gaps=True):
                 match entry.record:
                     case Notice(problem=problem):
-                        yield Row(station, entry.line, None, f"-- {problem}")
+                        yield TableRow(station, entry.line, None, f"-- {problem}")
                     case Header():
                         pass
                     case End(reason=reason, lost_records=lost):
                         more = f", {lost} records lost" if lost else ""
-                        yield Row(station, entry.line, None, f"-- end: {reason}{more}")
+                        yield TableRow(station, entry.line, None, f"-- end: {reason}{more}")
                     case event:
-                        yield Row(station, entry.line, event)
+                        yield TableRow(station, entry.line, event)
         except BadInput as error:
             problem = f"{error.field}: {error.problem}" if error.field else error.problem
-            yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
+            yield TableRow(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 
 
-def _waits(row: Row, fates: StreamedFates) -> bool:
+def _waits(row: TableRow, fates: StreamedFates) -> bool:
     """Whether the row is the reception of a message that has yet to be sent."""
     if not isinstance(row.event, Receive) or row.event.tx is None:
         return False
@@ -146,7 +146,7 @@ def _waits(row: Row, fates: StreamedFates) -> bool:
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}
 
 
-def _noted(row: Row, fates: StreamedFates) -> Row:
+def _noted(row: TableRow, fates: StreamedFates) -> TableRow:
     """The row with the fates of its message."""
     if not isinstance(row.event, Send | Receive):
         return row
@@ -181,7 +181,7 @@ class Filter:
     _at: dict[int, tuple[int, int] | None] = field(default_factory=dict)
     _after_cam: set[int] = field(default_factory=set)
 
-    def passes(self, row: Row) -> bool:
+    def passes(self, row: TableRow) -> bool:
         """Whether to show a row. Call once for each row, in order."""
         event = row.event
         session = self._at[row.station] = self._session(row)
@@ -201,7 +201,7 @@ class Filter:
         marks = m.get("marks") if m is not None else None
         return session == self.session or (isinstance(marks, list) and list(self.session) in marks)
 
-    def _session(self, row: Row) -> tuple[int, int] | None:
+    def _session(self, row: TableRow) -> tuple[int, int] | None:
         event = row.event
         if event is None:
             return self._at.get(row.station)
@@ -214,7 +214,7 @@ class Filter:
             return self.session  # a request has no session yet
         return None
 
-    def _of_cam(self, row: Row, is_cam: bool) -> bool:
+    def _of_cam(self, row: TableRow, is_cam: bool) -> bool:
         """Whether the row is a CAM, or the timer that a CAM re-arms."""
         event = row.event
         if is_cam:
@@ -228,9 +228,9 @@ class Filter:
         return False
 
 
-def before(rows: Iterable[Row], station: int, line: int, most: int) -> list[Row]:
+def before(rows: Iterable[TableRow], station: int, line: int, most: int) -> list[TableRow]:
     """The last ``most`` rows up to and including a line of a station's log."""
-    last: deque[Row] = deque(maxlen=most)
+    last: deque[TableRow] = deque(maxlen=most)
     for row in rows:
         last.append(row)
         if (row.station, row.line) == (station, line):
@@ -248,17 +248,17 @@ class FilteredRows:
         self.phases: dict[int, str] = {}
         """The phase of each station before the next row."""
 
-    def __iter__(self) -> Iterator[Row]:
+    def __iter__(self) -> Iterator[TableRow]:
         if not self._last:
             yield from self._rows()
             return
-        kept: deque[tuple[Row, dict[int, str]]] = deque(maxlen=self._last)
+        kept: deque[tuple[TableRow, dict[int, str]]] = deque(maxlen=self._last)
         for row in self._rows():
             kept.append((row, dict(self.phases)))
         for row, self.phases in kept:
             yield row
 
-    def _rows(self) -> Iterator[Row]:
+    def _rows(self) -> Iterator[TableRow]:
         for row in self._logs.rows():
             self.good = self.good and not row.problem
             if self._wanted.passes(row):

@@ -25,7 +25,7 @@ What = Literal["begun", "note", "waiting", "verdict", "together", "end"]
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class WatchReport:
     """One thing to report."""
 
     what: What
@@ -132,14 +132,14 @@ class Watch:
         """Whether each log has its verdict."""
         return bool(self.verdicts) and not self.logs
 
-    def advance(self) -> list[Report]:
+    def advance(self) -> list[WatchReport]:
         """Read what there is, and report what it shows."""
         reports = [*self._begun()]
         for log in self.logs:
             log.read()
         return [*reports, *self._over()]
 
-    def finish(self) -> list[Report]:
+    def finish(self) -> list[WatchReport]:
         """End the logs where they are; report their verdicts, and the one on several together."""
         reports = self.advance()
         for log in self.logs:
@@ -149,10 +149,10 @@ class Watch:
             found = [explain.explained(path, self._late_ms) for path in self._paths]
             self._together = explain.together(found)
             text = self._together.text(self._start_ms)
-            reports.append(Report("together", text, self._together.as_dict()))
+            reports.append(WatchReport("together", text, self._together.as_dict()))
         return reports
 
-    def end(self, log: WatchedLog) -> list[Report]:
+    def end(self, log: WatchedLog) -> list[WatchReport]:
         """End one log where it is."""
         reports = self.advance()
         log.finish()
@@ -169,24 +169,24 @@ class Watch:
         logs: list[Verdict | WatchedLog] = [*self.verdicts, *self.logs]
         return starts({log.file: log.first_ms for log in logs if log.first_ms is not None})
 
-    def _begun(self) -> Iterator[Report]:
+    def _begun(self) -> Iterator[WatchReport]:
         for log in self.logs:
             if (stream := log.begin()) is None:
                 continue
             run, station = stream.header.run, stream.header.station
             text = printable(f"{log.file}: station {station}, run {run}")
-            yield Report("begun", text, {"file": log.file, "station": station, "run": run})
+            yield WatchReport("begun", text, {"file": log.file, "station": station, "run": run})
 
-    def _over(self) -> Iterator[Report]:
+    def _over(self) -> Iterator[WatchReport]:
         over = [log for log in self.logs if log.verdict is not None]
         start_ms = self._start_ms
         self.logs = [log for log in self.logs if log.verdict is None]
         for verdict in (log.verdict for log in over):
             assert verdict is not None, "selected above"
             self.verdicts.append(verdict)
-            yield Report("verdict", explain.text(verdict, start_ms), verdict.as_dict())
+            yield WatchReport("verdict", explain.text(verdict, start_ms), verdict.as_dict())
 
 
-def note(file: str, text: str) -> Report:
+def note(file: str, text: str) -> WatchReport:
     """A note about a file."""
-    return Report("note", printable(f"{file}: {text}"), {"file": file, "text": text})
+    return WatchReport("note", printable(f"{file}: {text}"), {"file": file, "text": text})

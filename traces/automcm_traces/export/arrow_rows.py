@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from automcm_spec.log_format.reader import header_of
-from automcm_traces.explain.log_table import Logs, Row
+from automcm_traces.explain.log_table import Logs, TableRow
 
 
-def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, Row]]:
+def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, TableRow]]:
     """The rows with arrows, each with its file.
 
     Logs of one run are judged together; if two of them are of one station, each alone. Raises

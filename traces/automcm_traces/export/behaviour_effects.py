@@ -17,7 +17,7 @@ from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.station import Entry, Input, Message, State
-from automcm_traces.export.behaviour_to_log import Effects
+from automcm_traces.export.behaviour_to_log import StepEffects
 
 MODULE = """---- MODULE Story ----
 EXTENDS {module}, TLC
@@ -45,7 +45,7 @@ replaces Retarget, which depends on the net: the model allowed its own steps."""
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class EffectQuery:
     """A query: the effects of an input of this station in this state.
 
     ``after`` is the next state in the model, or None for the next state of Step.
@@ -58,8 +58,8 @@ class Question:
 
 
 def effects_of(
-    module: str, cfg: str, questions: Iterable[Question], tla: Path = TLA
-) -> dict[Question, Effects]:
+    module: str, cfg: str, questions: Iterable[EffectQuery], tla: Path = TLA
+) -> dict[EffectQuery, StepEffects]:
     """The effects for each query, according to the model with the text ``cfg``.
 
     Raises tlc.TlcError.
@@ -76,7 +76,7 @@ def effects_of(
         flags=re.M,
     )
     constants = constants.replace("NextTarget <- Retarget", "NextTarget <- AnyTarget")
-    found: dict[Question, Effects] = {}
+    found: dict[EffectQuery, StepEffects] = {}
 
     def read(line: str) -> None:
         if line.startswith('"<<'):
@@ -101,9 +101,9 @@ def _tuple(value: Any) -> Any:
     return value
 
 
-def _effects(answer: Any) -> Effects:
+def _effects(answer: Any) -> StepEffects:
     after, out, indication, rule, arm, stop, marks = answer
-    return Effects(
+    return StepEffects(
         tlc_simulation.state(after),
         frozenset(Message(**m) for m in out),
         indication,
@@ -114,7 +114,7 @@ def _effects(answer: Any) -> Effects:
     )
 
 
-def _assumption(n: int, q: Question) -> str:
+def _assumption(n: int, q: EffectQuery) -> str:
     following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
     return f"Answered({n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following})"
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Expire, Input, Message, Receive, State, Timer
 from automcm_traces.checker.track import INITIAL
-from automcm_traces.export.behaviour_effects import Question
-from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep, Effects, plain
+from automcm_traces.export.behaviour_effects import EffectQuery
+from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep, StepEffects, plain
 
-EffectsOf = Callable[[Iterable[Question]], dict[Question, Effects]]
+EffectsOf = Callable[[Iterable[EffectQuery]], dict[EffectQuery, StepEffects]]
 ANSWERED = ("Intention", "Prescription", "Acceptance")
 
 
@@ -47,10 +47,10 @@ class _SplitMove:
     """A move and the steps it is split into."""
 
     move: Move
-    chain: list[Question] = field(default_factory=list)
-    answers: list[tuple[Message, list[Question]]] = field(default_factory=list)
+    chain: list[EffectQuery] = field(default_factory=list)
+    answers: list[tuple[Message, list[EffectQuery]]] = field(default_factory=list)
 
-    def questions(self) -> Iterator[Question]:
+    def questions(self) -> Iterator[EffectQuery]:
         yield from self.chain
         for _, calls in self.answers:
             yield from calls
@@ -82,14 +82,16 @@ def steps_of_all(
     return [[h for each in moves for h in _steps_of_move(each, effects)] for moves in split]
 
 
-def _main(move: Move) -> Question:
+def _main(move: Move) -> EffectQuery:
     """The query for the step itself; in a timed model, the model's next state counts."""
     assert move.input is not None
     after = move.after[move.station] if move.at_ms is not None else None
-    return Question(move.station, move.before[move.station], move.input, after)
+    return EffectQuery(move.station, move.before[move.station], move.input, after)
 
 
-def _steps_of_move(split: _SplitMove, effects: dict[Question, Effects]) -> list[BehaviourStep]:
+def _steps_of_move(
+    split: _SplitMove, effects: dict[EffectQuery, StepEffects]
+) -> list[BehaviourStep]:
     move = split.move
     if not move.station:
         return [
@@ -111,10 +113,14 @@ def _steps_of_move(split: _SplitMove, effects: dict[Question, Effects]) -> list[
     return out + [_answer(answer, calls, effects) for answer, calls in split.answers]
 
 
-NOTHING = Effects(INITIAL, frozenset(), ("nothing",), "none", frozenset(), frozenset(), frozenset())
+NOTHING = StepEffects(
+    INITIAL, frozenset(), ("nothing",), "none", frozenset(), frozenset(), frozenset()
+)
 
 
-def _reduced(split: _SplitMove, effects: dict[Question, Effects], wanted: set[Message]) -> None:
+def _reduced(
+    split: _SplitMove, effects: dict[EffectQuery, StepEffects], wanted: set[Message]
+) -> None:
     """Add the other parts of a reduced step. ``wanted`` are the messages that are received
     later."""
     move = split.move
@@ -124,12 +130,12 @@ def _reduced(split: _SplitMove, effects: dict[Question, Effects], wanted: set[Me
     at = main.after
     for entry in sorted(at.outbox, key=canonical):
         if entry.type != "Prescription":
-            split.chain.append(Question(move.station, at, Expire("expire", ("giveup", entry))))
+            split.chain.append(EffectQuery(move.station, at, Expire("expire", ("giveup", entry))))
             at = at._replace(outbox=at.outbox - {entry})
             if entry.type == "Intention":
                 at = at._replace(phase="WAITING")
     if at.backoff:
-        split.chain.append(Question(move.station, at, Expire("expire", ("backoff",))))
+        split.chain.append(EffectQuery(move.station, at, Expire("expire", ("backoff",))))
     sent = frozenset(map(plain, main.messages))
     for answer in sorted((move.net_after - move.net_before - sent) & wanted, key=canonical):
         split.answers.append((answer, _candidates(answer, move, sent)))
@@ -137,21 +143,21 @@ def _reduced(split: _SplitMove, effects: dict[Question, Effects], wanted: set[Me
         wanted.add(move.input.message)
 
 
-def _candidates(answer: Message, move: Move, sent: frozenset[Message]) -> list[Question]:
+def _candidates(answer: Message, move: Move, sent: frozenset[Message]) -> list[EffectQuery]:
     """The inputs that may have caused an answer in the net: messages in the other direction.
 
     A message that can have no further effect is no longer in the net (Dead in System.tla).
     """
     way = answer.dst, answer.src, answer.session
     return [
-        Question(answer.src, move.after[answer.src], Receive("receive", m, False))
+        EffectQuery(answer.src, move.after[answer.src], Receive("receive", m, False))
         for m in sorted(move.net_before | move.net_after | sent, key=canonical)
         if m.type in ANSWERED and (m.src, m.dst, m.session) == way
     ]
 
 
 def _answer(
-    answer: Message, candidates: list[Question], effects: dict[Question, Effects]
+    answer: Message, candidates: list[EffectQuery], effects: dict[EffectQuery, StepEffects]
 ) -> BehaviourStep:
     for q in candidates:
         found = effects[q]

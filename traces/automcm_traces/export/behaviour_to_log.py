@@ -59,7 +59,7 @@ class BehaviourError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Effects:
+class StepEffects:
     """The effects of a step, with the model's ids.
 
     ``marks`` are the sessions that the station's CAMs name after it.
@@ -85,7 +85,7 @@ class BehaviourStep:
     station: int
     before: State
     input: Input | None
-    effects: Effects
+    effects: StepEffects
     at_ms: int | None = None
     behind_ms: Mapping[int, int] = field(default_factory=dict)
     deadlines: Mapping[Timer, int] | None = None

@@ -21,7 +21,7 @@ from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_spec.vocabulary.station import Message, State, Timer
 from automcm_traces.checker.follow import Watcher, follow
-from automcm_traces.checker.track import CannotTell, Step, Track
+from automcm_traces.checker.track import CannotTell, InputStep, Track
 from automcm_traces.export import behaviour_to_log, itf, itf_validation
 from automcm_traces.export.behaviour_effects import effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
@@ -218,7 +218,7 @@ class _Steps(Watcher):
     def __init__(self, log: Log) -> None:
         self.states = [itf.ItfState(_values(Track(log.header.station)))]
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         event = {} if step.event is None else step.event.model_dump(exclude_none=True)
         shown = ("message", "planned", "command", "timer", "raw")
         meta: dict[str, object] = {

@@ -14,7 +14,7 @@ from automcm_spec.log_format.log import (
     Send,
 )
 from automcm_spec.support.bad_input import printable
-from automcm_traces.explain.log_table import Row
+from automcm_traces.explain.log_table import TableRow
 from automcm_traces.system.copy_folding import Key, folded, key_of
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
@@ -36,7 +36,7 @@ SAID = ("duplicated", "in_flight", "forged", "overheard")
 
 
 def diagram(
-    rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES, unfold: bool = False
+    rows: Iterable[TableRow], stations: Sequence[int], most: int = MESSAGES, unfold: bool = False
 ) -> Iterator[str]:
     """The lines of a diagram: messages as arrows, commands and phases as notes.
 
@@ -69,7 +69,7 @@ def diagram(
         yield f"  Note over S{first},S{last}: {left_out} more messages are not shown"
 
 
-def _with_phases(rows: Iterable[Row]) -> Iterator[tuple[Row, str]]:
+def _with_phases(rows: Iterable[TableRow]) -> Iterator[tuple[TableRow, str]]:
     """Each row with the new phase of its station; empty if it stays."""
     phase: dict[int, str] = {}
     for row in rows:
@@ -79,16 +79,16 @@ def _with_phases(rows: Iterable[Row]) -> Iterator[tuple[Row, str]]:
         yield row, "" if now == was else now
 
 
-def _key(item: tuple[Row, str]) -> Key | None:
+def _key(item: tuple[TableRow, str]) -> Key | None:
     row, phase = item
     return None if phase or row.event is None else key_of(row.station, row.event, row.arrows)
 
 
-def _unique(item: tuple[Row, str]) -> None:
+def _unique(item: tuple[TableRow, str]) -> None:
     """No key: nothing folds."""
 
 
-def _arrow(row: Row, arrow: Arrow, mark: str) -> str:
+def _arrow(row: TableRow, arrow: Arrow, mark: str) -> str:
     """A message as an arrow, or as a note if one of its ends is no single station."""
     assert row.event is not None, "a row with an arrow has an event"
     fate = "".join([f" {mark}" * bool(mark), f" ({arrow.word})" * (arrow.fate in SAID)])

@@ -13,9 +13,9 @@ from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.fates import (
     ANYONE,
     Arrow,
-    Coverage,
     Fate,
     Fates,
+    Promised,
     addressees,
     sender_of,
     source_of,
@@ -61,7 +61,7 @@ class Deliveries:
 
     def __init__(self, merged: Merged, clocks: Clocks) -> None:
         self._merged = merged
-        logs = {log.header.station: Coverage.of(log) for log in merged.logs}
+        logs = {log.header.station: Promised.of(log) for log in merged.logs}
         self._fates = Fates(logs, clocks)
         self._sent = {e.tx for _, e in sends(merged)}
         self._unmatched: dict[Node, Fate | None] = {}
@@ -173,7 +173,7 @@ def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Fiel
         for _, e in log.events:
             if isinstance(e, Send):
                 sent.setdefault((log.header.run, e.tx), e.message)
-    covered = {(log.header.run, log.header.station): Coverage.of(log) for log in logs}
+    covered = {(log.header.run, log.header.station): Promised.of(log) for log in logs}
     found: dict[str, tuple[int, Receive, Fields | None]] = {}
     for log in logs:
         for at, e in log.events:

@@ -69,7 +69,7 @@ class Arrow(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
+class Promised:
     """The messages that a log promises to contain."""
 
     file: str
@@ -92,23 +92,23 @@ class Coverage:
         last_sent: int,
         lost: int | None,
         mid_session: bool = False,
-    ) -> Coverage:
+    ) -> Promised:
         """The coverage of a log from the first to the last time in ``span``. ``lost`` is the number
         of lost records in the end record; None without one. A log that begins in mid-session
         promises nothing: its station may have sent and received more before."""
         life = header.known.get("t_life", Parameters().t_life)
         whole = not (lost or mid_session)
         sends, receives = (whole and kind in header.complete for kind in ("send", "receive"))
-        return Coverage(file, sends, receives, lost is not None, *span, life, last_sent)
+        return Promised(file, sends, receives, lost is not None, *span, life, last_sent)
 
     @staticmethod
-    def of(log: Log) -> Coverage:
+    def of(log: Log) -> Promised:
         """The coverage of a log in memory."""
         numbers = [transmission(e.tx)[1] for _, e in log.events if isinstance(e, Send)]
         span = (log.events[0][1].t_ms, log.events[-1][1].t_ms) if log.events else (0, 0)
         lost = None if log.end is None else log.end.lost_records
         last = max(numbers, default=0)
-        return Coverage.by(log.file, log.header, span, last, lost, log.mid_session)
+        return Promised.by(log.file, log.header, span, last, lost, log.mid_session)
 
     def not_sent(self, tx: str | None, logged: bool) -> str | None:
         """Why a received message without a matching transmission was certainly not sent.
@@ -128,7 +128,7 @@ class Coverage:
 class Fates:
     """The fates of the messages between logs, given in the order of ``clocks``."""
 
-    def __init__(self, logs: Mapping[int, Coverage], clocks: Clocks) -> None:
+    def __init__(self, logs: Mapping[int, Promised], clocks: Clocks) -> None:
         self._logs, self._clocks = logs, clocks
         self._places = {station: i for i, station in enumerate(logs)}
 

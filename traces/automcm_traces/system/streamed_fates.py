@@ -23,8 +23,8 @@ from automcm_traces.system.clock_offsets import Clocks, Travels
 from automcm_traces.system.fates import (
     ANYONE,
     Arrow,
-    Coverage,
     Fates,
+    Promised,
     addressees,
     sender_of,
     source_of,
@@ -68,7 +68,7 @@ class Ledger:
         except BadInput:
             ended = None
         span = first or 0, last or 0
-        self.coverage = Coverage.by(name_of(path), self.header, span, top, ended, mid_session)
+        self.coverage = Promised.by(name_of(path), self.header, span, top, ended, mid_session)
         self.results = bytearray(len(self.senders))
         """Of each received message: UNMATCHED, MATCHED, or AGAIN for another copy."""
         self.arrived: dict[int, Numbers] = defaultdict(Numbers)
@@ -146,7 +146,7 @@ class StreamedFates:
             second = None if (entry := next(entries, None)) is None else entry.record
             assert isinstance(header, Header), "records() yields the header first"
             late = isinstance(second, Notice) and second.kind == "begins_late"
-            coverage[station] = Coverage.by(
+            coverage[station] = Promised.by(
                 name_of(paths[station]), header, (0, 0), 0, 0, late or header.begins is not None
             )
             travels = Travels([header.longest_delay])

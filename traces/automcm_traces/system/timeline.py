@@ -16,7 +16,7 @@ from automcm_spec.vocabulary.messages import Fields, to_dict
 from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
-from automcm_traces.checker.track import Entry, Step, Track
+from automcm_traces.checker.track import InputStep, OutboxEntry, Track
 
 Session = tuple[int, int]
 EndReason = Literal["clean", "stopped", "diverges", "cannot_tell"]
@@ -144,7 +144,7 @@ class Recorder(Watcher):
         self._places: dict[int, int] = {}
         """The index of each event by line."""
         self._t_ms = 0
-        self._outbox: list[Entry] = []
+        self._outbox: list[OutboxEntry] = []
         self._deadlines: dict[Timer, int] = {}
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
@@ -154,7 +154,7 @@ class Recorder(Watcher):
         if isinstance(event, TimerArm):
             self._deadlines[event.timer] = event.deadline
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         """Add a moment."""
         t = track
         kept = {id(e) for e in t.outbox}

@@ -10,7 +10,7 @@ from automcm_traces.edit.canonical_log import CanonicalEvent
 from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer.page_part import PageError
-from automcm_traces.viewer.page_run import Run
+from automcm_traces.viewer.page_run import PageRun
 
 
 @dataclass(slots=True)
@@ -29,7 +29,7 @@ class Comparison:
     """For each station compared, the first events that differ; (None, None) if there are none."""
 
 
-def compare(a: Run, b: Run, stations: Mapping[int, int] | None = None) -> Comparison:
+def compare(a: PageRun, b: PageRun, stations: Mapping[int, int] | None = None) -> Comparison:
     """Compare two runs; ``stations`` is as for ``diff``.
 
     Raises PageError if no station has a log in both.

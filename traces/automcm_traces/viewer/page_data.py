@@ -25,9 +25,9 @@ from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare
 from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_order import order
-from automcm_traces.viewer.page_pack import Shapes, Table
-from automcm_traces.viewer.page_part import Part
-from automcm_traces.viewer.page_run import Run
+from automcm_traces.viewer.page_pack import PackedTable, Shapes
+from automcm_traces.viewer.page_part import PagePart
+from automcm_traces.viewer.page_run import PageRun
 
 Json = Any
 OF_CAM = 1
@@ -42,7 +42,7 @@ class Page:
     """The content of one page: a run, or two side by side."""
 
     title: str
-    runs: list[Run]
+    runs: list[PageRun]
     nodes: list[Node]
     """Its events in order: the index of the log among those of all runs, and of the event in it."""
     ahead: list[int]
@@ -68,14 +68,14 @@ class Page:
 
 
 def load(
-    paths: Sequence[Path], title: str = "", late_ms: int | None = None, part: Part | None = None
+    paths: Sequence[Path], title: str = "", late_ms: int | None = None, part: PagePart | None = None
 ) -> Page:
     """A page of the logs of one run. Raises the exceptions of ``page_run.load``."""
     return of_runs(page_run.load(paths, late_ms, part), title=title)
 
 
 def of_runs(
-    a: Run, b: Run | None = None, stations: Mapping[int, int] | None = None, title: str = ""
+    a: PageRun, b: PageRun | None = None, stations: Mapping[int, int] | None = None, title: str = ""
 ) -> Page:
     """A page of one run or of two; ``stations`` is as for ``diff``.
 
@@ -107,7 +107,7 @@ def of_runs(
 
 def as_dict(page: Page) -> dict[str, Json]:
     """All data of the page, as ``viewer/data.js`` reads it."""
-    strings, shapes = Table(), Shapes()
+    strings, shapes = PackedTable(), Shapes()
     rows = _rows(page, strings, shapes)
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]
@@ -149,7 +149,7 @@ def _diff(page: Page) -> Json:
     return found
 
 
-def _run(run: Run) -> dict[str, Json]:
+def _run(run: PageRun) -> dict[str, Json]:
     judged_run = run.judged()
     hazards = [hazard.text() for hazard in run.system.hazards] if run.system else []
     return {
@@ -185,7 +185,7 @@ def _logs(page: Page, row_of: dict[Node, int]) -> list[Json]:
     return found
 
 
-def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> dict[str, Json]:
+def _log(page: Page, run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> dict[str, Json]:
     log = run.logs[i]
     return {
         "station": log.header.station,
@@ -199,13 +199,13 @@ def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> d
     }
 
 
-def _end(run: Run, log: Log) -> str:
+def _end(run: PageRun, log: Log) -> str:
     if log.end is not None:
         return log.end.reason
     return "goes on" if run.note else "no end"
 
 
-def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
+def _divergence(run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> int:
     """The row where a log diverges; -1 if there is none. ``first`` is the index of the run's first
     log."""
     log = run.logs[i]
@@ -216,9 +216,9 @@ def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
     return row_of.get((first + i, at), -1)
 
 
-def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
+def _rows(page: Page, strings: PackedTable, shapes: Shapes) -> dict[str, Json]:
     """The columns of the row table, documented in ``viewer/data.js``."""
-    texts, bodies = Table(), Table()
+    texts, bodies = PackedTable(), PackedTable()
     logs, n = page.logs, len(page.logs)
     lines, times, sessions = [1] * n, 0, [""] * n
     after_cam = [False] * n
@@ -327,7 +327,7 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
     return numbers
 
 
-def _steps(history: StateHistory, strings: Table) -> dict[str, Json]:
+def _steps(history: StateHistory, strings: PackedTable) -> dict[str, Json]:
     lines = [b - a for a, b in zip([0, *history.steps], history.steps, strict=False)]
     where = [strings.place([rule, *place]) for rule, place in _decisions(history)]
     return {"lines": lines, "where": where, "states": _sparse(history.states)}

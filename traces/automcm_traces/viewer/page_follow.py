@@ -9,7 +9,7 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.parameters import durations, lease_lasts
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_traces.checker.follow import Ending, Watcher
-from automcm_traces.checker.track import Step, Track
+from automcm_traces.checker.track import InputStep, Track
 
 KEYFRAME = 100
 """The distance in steps between complete states; between them, only changes are stored."""
@@ -91,7 +91,7 @@ class States(Watcher):
         """For the line of each input, the role and the lease after it."""
         self._last: dict[str, object] = {}
 
-    def step(self, step: Step, track: Track) -> None:
+    def step(self, step: InputStep, track: Track) -> None:
         """Record a state."""
         if step.at not in self._shown:
             return
@@ -117,7 +117,7 @@ class States(Watcher):
         elif ending.finding.kind == "cannot_tell":
             found.why_not = ending.finding.observed
 
-    def _decided(self, step: Step, changed: dict[str, object]) -> None:
+    def _decided(self, step: InputStep, changed: dict[str, object]) -> None:
         """Record a step; the step of a divergence keeps the state before it."""
         self.found.states.append(changed)
         self.found.steps.append(step.at)

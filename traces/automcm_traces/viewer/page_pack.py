@@ -16,7 +16,7 @@ PLAIN = frozenset({int, str, bool})
 
 
 @dataclass(slots=True)
-class Table:
+class PackedTable:
     """Values in order of first use; each use refers to one by its distance from the end."""
 
     values: list[Json] = field(default_factory=list)

@@ -32,7 +32,7 @@ class PageError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PagePart:
     """The part of the logs to show: a range of lines of one log, and of each other log the lines
     between the first and the last message exchanged with that range."""
 
@@ -54,7 +54,7 @@ class Part:
             return f"from line {self.first} on"
         return f"in lines {self.first} to {self.last}"
 
-    def of_lines(self, path: Path) -> Part | None:
+    def of_lines(self, path: Path) -> PagePart | None:
         """The lines of the session in a log, if it chooses a session; None if the log has none.
 
         Only lines with both numbers of the session are parsed. Raises BadInput.
@@ -105,7 +105,7 @@ def too_long(paths: Sequence[Path]) -> str:
     return ""
 
 
-def around(found: Sequence[Explained]) -> tuple[list[Path], Part]:
+def around(found: Sequence[Explained]) -> tuple[list[Path], PagePart]:
     """The lines around the first divergence, or the first lines of the first log; and the files in
     the order in which ``parts`` takes them."""
     paths = [one.path for one in found]
@@ -114,13 +114,13 @@ def around(found: Sequence[Explained]) -> tuple[list[Path], Part]:
     if not marked:
         readable = [one.path for one in found if one.refused is None]
         paths.sort(key=lambda path: path not in readable[:1])
-        return paths, Part(1, window)
+        return paths, PagePart(1, window)
     paths.sort(key=lambda path: path != marked[0].path)
     first = max(1, marked[0].verdict.finding.at.line - window * 3 // 4)
-    return paths, Part(first, first + window - 1)
+    return paths, PagePart(first, first + window - 1)
 
 
-def parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], str]:
+def parts(paths: Sequence[Path], part: PagePart) -> tuple[list[tuple[Path, Log]], str]:
     """The part of each log to show, and a sentence about it. The part is taken from the first log
     that has a session, otherwise from the first.
 
@@ -147,7 +147,7 @@ def parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], st
             continue  # reported by its verdict
         if at:
             held = sum(len(log.events) for _, log in logs)
-            logs.append((path, _lines(path, Part(at[0], at[-1]), held)))
+            logs.append((path, _lines(path, PagePart(at[0], at[-1]), held)))
         else:
             without.append(name_of(path))
     shown = ", ".join(
@@ -159,7 +159,7 @@ def parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], st
     return logs, note
 
 
-def _lines(path: Path, part: Part, held: int) -> Log:
+def _lines(path: Path, part: PagePart, held: int) -> Log:
     """The events of a part, by line and time; ``held`` is the number already in memory. Raises
     PageError, BadInput."""
     stream = LogStream(path)

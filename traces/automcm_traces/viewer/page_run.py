@@ -20,7 +20,7 @@ from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
 from automcm_traces.viewer.page_follow import StateHistory, States
-from automcm_traces.viewer.page_part import CHOOSE, PageError, Part, around, parts, too_long
+from automcm_traces.viewer.page_part import CHOOSE, PageError, PagePart, around, parts, too_long
 
 Json = Any
 MOST_LOGS = 200
@@ -31,7 +31,7 @@ share one."""
 
 
 @dataclass(slots=True)
-class Run:
+class PageRun:
     """The data of one run."""
 
     merged: Merged
@@ -92,7 +92,9 @@ class Run:
         return value.replace(was, name) if isinstance(value, str) else value
 
 
-def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = None) -> Run:
+def load(
+    paths: Sequence[Path], late_ms: int | None = None, part: PagePart | None = None
+) -> PageRun:
     """Read and check the logs of one run.
 
     A log that cannot be read to its end is shown up to there. For a log without a header there is
@@ -139,7 +141,7 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
     histories = [states[of_file[log.file][0]].history(of_file[log.file][1]) for log in merged.logs]
     vendor = {file: _vendor(path, log, part) for file, (path, log) in of_file.items()}
     ghosts = [] if crowded else named
-    run = Run(
+    run = PageRun(
         merged,
         verdicts(found) if judged else alone,
         together(found) if judged else None,
@@ -178,7 +180,7 @@ def _before(log: Log) -> int:
     return log.events[0][1].seq - 1 if log.events else 0
 
 
-def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:
+def _vendor(path: Path, log: Log, part: PagePart | None) -> dict[int, Json]:
     """The records of a log that may contain vendor fields, which the reader ignores; for a part,
     also the original header."""
     found = {}

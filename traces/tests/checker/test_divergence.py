@@ -17,13 +17,13 @@ from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Rec
 from automcm_traces.checker import divergence
 from automcm_traces.checker.divergence import Action, Question
 from automcm_traces.checker.input_alphabet import alphabet
-from automcm_traces.checker.track import ROUNDS, Entry, Limits, Track
+from automcm_traces.checker.track import ROUNDS, MemoryLimits, OutboxEntry, Track
 from automcm_traces.explain.explain import explain_file, text
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 ME, PEER, OTHER = 4711, 815, 1616
 OWN, THEIRS = (ME, 1), (PEER, 7)
-STATION = Station(ROUNDS, *Limits())
+STATION = Station(ROUNDS, *MemoryLimits())
 LINES = (TLA / "Station.tla").read_text().splitlines()
 NAMED = ["advertise", "decide", "hold", "answer", "cam", "lease", "quarantine", "backoff"]
 
@@ -72,7 +72,7 @@ def led(inputs: list[Input], seq: int = 1) -> Track:
 
 def track(st: State, seq: int = 1) -> Track:
     posted = [
-        Entry(e.type, e.to, e.session, e.seq, Fin(src=ME, session=e.session, seq=seq))
+        OutboxEntry(e.type, e.to, e.session, e.seq, Fin(src=ME, session=e.session, seq=seq))
         for e in st.outbox
     ]
     return Track(ME, state=st, outbox=posted)

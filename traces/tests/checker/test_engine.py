@@ -24,7 +24,7 @@ from automcm_spec.vocabulary.messages import Acceptance, Cam, encode
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.follow import NEEDED
-from automcm_traces.checker.track import INITIAL, CannotTell, Entry
+from automcm_traces.checker.track import INITIAL, CannotTell, OutboxEntry
 from automcm_traces.explain.explain import explain, explain_files
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
@@ -61,7 +61,7 @@ def test_neg_1_more_proposals_at_once_than_any_graph_knows() -> None:
     about = {"src": 2002, "dst": 1001, "session": (1001, 7), "seq": 1, "proposal": 1}
     refusal = Acceptance(**about, accepted=False, reason="unsafe")
     answers = [
-        Entry(
+        OutboxEntry(
             "Acceptance", 1001, (1001, 7), k, refusal.model_copy(update={"seq": k, "proposal": k})
         )
         for k in (3, 4, 5)

@@ -18,7 +18,7 @@ from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Restart, Session
 from automcm_traces.checker.engine import Engine
-from automcm_traces.checker.track import Step, Track
+from automcm_traces.checker.track import InputStep, Track
 from automcm_traces.explain.explain import explain_files
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
@@ -102,7 +102,7 @@ def transitions(path: Path) -> set[str]:
         if isinstance(e, Send) and "session" in (m := e.message)
     }
 
-    def step(done: Step, track: Track) -> None:
+    def step(done: InputStep, track: Track) -> None:
         nonlocal before
         event = events[done.at].model_dump(exclude_none=True)
         i = renumbering.input_of(given(event, sent), of_model)

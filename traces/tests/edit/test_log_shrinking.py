@@ -13,7 +13,7 @@ import pytest
 from merged_runs import simulated
 
 from automcm_maintenance.corpus.corpus_bad import Log as Edited
-from automcm_spec.graph.oracle import Answer, Oracle, load
+from automcm_spec.graph.oracle import Oracle, OracleAnswer, load
 from automcm_spec.graph.oracle_generation import ONE_PEER
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.rules import kind
@@ -141,7 +141,7 @@ def shortest_ways() -> dict[int, int]:
     return best
 
 
-def events_of(answer: Answer, value: Input) -> int:
+def events_of(answer: OracleAnswer, value: Input) -> int:
     effect = answer.effect
     told = effect.indication[0] != "nothing"
     copies = 3 * COPIES if value == Expire("expire", ("advertise",)) else 0

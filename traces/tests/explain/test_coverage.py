@@ -17,7 +17,7 @@ from automcm_spec.graph.oracle_generation import TWO_PEERS, spec_hash
 from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import CONDITIONS
-from automcm_traces.explain.coverage import EXIT, Coverage, exit_code, measure, possible, text
+from automcm_traces.explain.coverage import EXIT, LogCoverage, exit_code, measure, possible, text
 from automcm_traces.explain.explain import explain_file
 
 
@@ -27,11 +27,11 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def covered(logs: list[Path]) -> Coverage:
+def covered(logs: list[Path]) -> LogCoverage:
     return measure(logs)
 
 
-def test_what_a_plain_maneuver_exercises(covered: Coverage) -> None:
+def test_what_a_plain_maneuver_exercises(covered: LogCoverage) -> None:
     assert (covered.logs, covered.problems, exit_code(covered)) == (2, [], 0)
     tables = covered.tables()
     for rule in ("ADV-1", "ADV-3", "PRE-2", "NEG-1", "NEG-2", "NEG-6", "ACT-3", "ADV-2"):
@@ -44,13 +44,13 @@ def test_what_a_plain_maneuver_exercises(covered: Coverage) -> None:
     assert tables["sent"]["Fin"] >= 1 and tables["received"]["CAM"] > 10
 
 
-def conditions(coverage: Coverage) -> dict[tuple[str, str], tuple[int, int]]:
+def conditions(coverage: LogCoverage) -> dict[tuple[str, str], tuple[int, int]]:
     """By operator and text: how often true, and how often false."""
     rows = coverage.as_dict()["conditions"]
     return {(row["operator"], row["text"]): (row["true"], row["false"]) for row in rows}
 
 
-def test_each_condition_has_how_often_it_was_true_and_false(covered: Coverage) -> None:
+def test_each_condition_has_how_often_it_was_true_and_false(covered: LogCoverage) -> None:
     found = conditions(covered)
     assert found["OnPrescribe", "c.target \\in st.recorded"] == (1, 0)
     assert found["OnMessage", 'm.type = "Fin"'][0] == covered.received["Fin"]
@@ -64,7 +64,7 @@ def test_each_condition_has_how_often_it_was_true_and_false(covered: Coverage) -
     assert 0 < covered.conditions.both_ways() < len(found)
 
 
-def test_logs_together_count_as_often_as_each(logs: list[Path], covered: Coverage) -> None:
+def test_logs_together_count_as_often_as_each(logs: list[Path], covered: LogCoverage) -> None:
     again = measure([*logs, *logs])
     assert again.steps == 2 * covered.steps
     assert again.conditions.both_ways() == covered.conditions.both_ways()
@@ -73,14 +73,14 @@ def test_logs_together_count_as_often_as_each(logs: list[Path], covered: Coverag
 
 
 def test_few_questions_kept_or_many_is_the_same(
-    logs: list[Path], covered: Coverage, monkeypatch: pytest.MonkeyPatch
+    logs: list[Path], covered: LogCoverage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("automcm_traces.explain.coverage.REMEMBERED", 3)
     assert measure(logs).as_dict() == covered.as_dict()
 
 
 def test_a_log_that_lacks_something_leaves_a_condition_one_way(
-    logs: list[Path], covered: Coverage, tmp_path: Path
+    logs: list[Path], covered: LogCoverage, tmp_path: Path
 ) -> None:
     """A CAM during a maneuver whose sender is not the peer: a third station nearby."""
     simulation = Simulation(seed=3, channel=Channel(), logs=tmp_path)
@@ -98,7 +98,7 @@ def test_a_log_that_lacks_something_leaves_a_condition_one_way(
     assert f"  {line}" not in text(measure([tmp_path / "1001.ndjson"]))
 
 
-def test_every_figure_has_its_whole(covered: Coverage) -> None:
+def test_every_figure_has_its_whole(covered: LogCoverage) -> None:
     all_ = possible()
     assert len(all_.phases) == 8 and "restart" in all_.inputs
     assert set(RULES) - set(all_.rules) == {"ACT-1", "END-4"}  # nothing decides by them
@@ -123,7 +123,7 @@ def test_one_peer_shows_all_ways_and_inputs_that_two_do() -> None:
     assert set(phases) == set(possible().phases)
 
 
-def test_the_text_names_what_never_happened(covered: Coverage) -> None:
+def test_the_text_names_what_never_happened(covered: LogCoverage) -> None:
     lines = text(covered)
     assert lines[0].startswith("2 logs, ")
     assert all(len(line) <= 80 for line in lines if line[:8] in ("  never:", " " * 8))

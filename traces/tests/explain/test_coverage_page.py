@@ -8,7 +8,7 @@ from pathlib import Path
 
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.condition_coverage import annotated
-from automcm_traces.explain.coverage import Coverage, measure, text
+from automcm_traces.explain.coverage import LogCoverage, measure, text
 from automcm_traces.explain.coverage_page import COLOURS, page
 
 CORPUS = Path(__file__).parents[2] / "corpus"
@@ -18,7 +18,7 @@ LINE = re.compile(
 )
 
 
-def lines(coverage: Coverage) -> dict[int, tuple[str, str, str]]:
+def lines(coverage: LogCoverage) -> dict[int, tuple[str, str, str]]:
     """By number: the colour, the text and the notes of each line of the page."""
     return {
         int(number): (colour, unescape(written), unescape(re.sub("<[^>]*>", "", notes)))
@@ -57,7 +57,7 @@ def test_the_figures_are_those_of_the_text() -> None:
 
 
 def test_a_log_that_takes_a_line_changes_its_colour() -> None:
-    coverage = Coverage()
+    coverage = LogCoverage()
     before = lines(coverage)
     assert {colour for colour, *_ in before.values()} == {"missed", "neutral"}
     changes = set()

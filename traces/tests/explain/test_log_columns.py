@@ -16,12 +16,12 @@ from automcm_spec.log_format.reader import LogStream, read
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_columns import (
     TIMES,
-    Table,
+    LogTable,
     columns,
     first_times,
     folds,
 )
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row
+from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, TableRow
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
@@ -63,8 +63,8 @@ def test_with_four_stations_no_row_loses_its_type_or_verdict(place: int) -> None
     assert len(events) > 300
     for event in events:
         for notes in MARKS:
-            row = Row(others[place], 9999, event, notes=notes)
-            lines = [line for _, line in Table(others, 110).lines(row, event.phase or "", 20)]
+            row = TableRow(others[place], 9999, event, notes=notes)
+            lines = [line for _, line in LogTable(others, 110).lines(row, event.phase or "", 20)]
             assert all(cell_len(line) <= 110 for line in lines)
             words = " ".join(lines).split()
             assert {*matters(event), f"{TIMES}20"} <= {*words}, lines
@@ -76,8 +76,8 @@ def test_with_four_stations_no_row_loses_its_type_or_verdict(place: int) -> None
 
 def test_where_there_is_room_nothing_is_left_out() -> None:
     for event in different():
-        row = Row(7, 1, event)
-        (line, *_) = (text for _, text in Table([7], 300).lines(row))
+        row = TableRow(7, 1, event)
+        (line, *_) = (text for _, text in LogTable([7], 300).lines(row))
         assert line.split() == [str(event.t_ms), "1", *summary(event).split()]
 
 

@@ -19,7 +19,7 @@ from automcm_spec.log_format.event_text import fitted, safe, summary
 from automcm_spec.log_format.log import RECORD, Receive, Send
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row, before
+from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, TableRow, before
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 
@@ -46,11 +46,11 @@ def log(folder: Path, station: int, *events: Line, end: bool = True, **head: Any
     return path
 
 
-def rows(*paths: Path, **wanted: Any) -> list[Row]:
+def rows(*paths: Path, **wanted: Any) -> list[TableRow]:
     return list(FilteredRows(Logs(paths), Filter(**wanted)))
 
 
-def placed(shown: list[Row]) -> list[tuple[int, int]]:
+def placed(shown: list[TableRow]) -> list[tuple[int, int]]:
     return [(row.station, row.line) for row in shown if row.event is not None]
 
 

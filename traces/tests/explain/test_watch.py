@@ -20,13 +20,13 @@ from automcm_traces.explain.explain import (
     together,
     verdicts,
 )
-from automcm_traces.explain.watch import Report, Watch
+from automcm_traces.explain.watch import Watch, WatchReport
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 INDEX = json.loads((CORPUS / "index.json").read_text())
 
 
-def grown(paths: Sequence[Path], seed: int = 0) -> tuple[Watch, list[Report]]:
+def grown(paths: Sequence[Path], seed: int = 0) -> tuple[Watch, list[WatchReport]]:
     """The logs written in the order of their times, a few bytes or lines at a time."""
     chance, watch = random.Random(seed), Watch()
     buffers = {path: LineBuffer() for path in paths}
@@ -86,7 +86,7 @@ def test_logs_that_come_in_blocks_report_nothing_that_the_rest_refutes(order: in
     buffers = {path: LineBuffer() for path in paths[::order]}
     for path, buffer in buffers.items():
         watch.add(path, buffer)
-    reports: list[Report] = []
+    reports: list[WatchReport] = []
     for first in (True, False):
         for path, buffer in buffers.items():
             lines = path.read_bytes().splitlines(keepends=True)

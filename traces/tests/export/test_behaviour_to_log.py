@@ -9,7 +9,7 @@ from typing import Any
 
 from automcm_spec.vocabulary.station import Command, Message, Timer
 from automcm_traces.checker.track import INITIAL
-from automcm_traces.export.behaviour_to_log import BehaviourStep, Effects, logs
+from automcm_traces.export.behaviour_to_log import BehaviourStep, StepEffects, logs
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
 TOLD = [p for kind in ("behaviours", "counterexamples") for p in (CORPUS / kind).rglob("*.ndjson")]
@@ -105,7 +105,7 @@ def test_act_5_a_cam_is_sent_whenever_the_marks_change() -> None:
     advertisement = Message("Advertisement", 1, 0, (1, 1), 1, 0, False, "none", ("none", 0))
     timers = frozenset({("advertise",)}), frozenset[Timer]()
     sent, marks = frozenset({advertisement}), frozenset({(1, 1)})
-    effects = Effects(opened, sent, ("nothing",), "ADV-1", *timers, marks)
+    effects = StepEffects(opened, sent, ("nothing",), "ADV-1", *timers, marks)
     step = BehaviourStep(1, INITIAL, Command("command", "request", (0, 0), 0, 0), effects)
     lines = logs("r", [step], [1], {})[1001].splitlines()
     cams = [json.loads(line) for line in lines if b'"CAM"' in line]

@@ -20,7 +20,7 @@ from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import as_dict, load
 from automcm_traces.viewer.page_follow import StateHistory
-from automcm_traces.viewer.page_part import MOST_EVENTS, PageError, Part
+from automcm_traces.viewer.page_part import MOST_EVENTS, PageError, PagePart
 from automcm_traces.viewer.page_run import MOST_LOGS
 
 
@@ -132,7 +132,7 @@ def test_a_part_takes_memory_for_the_part_alone(tmp_path: Path) -> None:
     short, long = (
         [restarts(tmp_path / f"{n}-{s}.ndjson", n, station=s) for s in (7, 8)] for n in (1000, 8000)
     )
-    part = Part(501, 600)
+    part = PagePart(501, 600)
     load(short, part=part)  # what is kept from the first time on
     one, other = (peak(lambda: load(short, part=part)), peak(lambda: load(long, part=part)))
     # What the collector has left to be freed differs from run to run by half of a part.
@@ -143,11 +143,11 @@ def test_a_part_may_not_be_too_long_either(tmp_path: Path, monkeypatch: pytest.M
     path = restarts(tmp_path / "7.ndjson", 300)
     monkeypatch.setattr(page_part, "MOST_EVENTS", 100)
     assert len(load([path]).nodes) == 99  # lines 1 to 100
-    assert len(load([path], part=Part(50, 149)).nodes) == 100
+    assert len(load([path], part=PagePart(50, 149)).nodes) == 100
     with pytest.raises(PageError, match="more than 100 events in this part"):
-        load([path], part=Part(50, 150))
+        load([path], part=PagePart(50, 150))
     with pytest.raises(PageError, match="no readable event in lines 400 to 500"):
-        load([path], part=Part(400, 500))
+        load([path], part=PagePart(400, 500))
 
 
 def test_of_a_log_that_is_too_long_the_divergence_is_shown(
@@ -172,23 +172,23 @@ def test_a_session_or_a_time_chooses_the_part(tmp_path: Path) -> None:
     logs = simulated(tmp_path, 1001, 2002, until=20_000, asks=(500, 9000), target=2002)
     whole = load(logs)
     naming = [n for n, e in whole.logs[0].events if session_of(e) == (1001, 2)]
-    page = load(logs[::-1], part=Part(session=(1001, 2)))
+    page = load(logs[::-1], part=PagePart(session=(1001, 2)))
     part = next(log for log in page.logs if log.header.station == 2002)
     of_2002 = [n for n, e in whole.logs[1].events if session_of(e) == (1001, 2)]
     assert [n for n, _ in part.events] == list(range(of_2002[0], of_2002[-1] + 1))
     assert naming and all(n > 100 for n in naming)
     stranger = restarts(tmp_path / "7.ndjson", 50)
-    assert load([stranger, logs[1]], part=Part(session=(1001, 2))).logs[0].events == part.events
-    page = load(logs, part=Part(from_ms=2000, to_ms=3000))
+    assert load([stranger, logs[1]], part=PagePart(session=(1001, 2))).logs[0].events == part.events
+    page = load(logs, part=PagePart(from_ms=2000, to_ms=3000))
     start = whole.logs[0].events[0][1].t_ms
     wanted = [n for n, e in whole.logs[0].events if 2000 <= e.t_ms - start <= 3000]
     assert [n for n, _ in page.logs[0].events] == wanted and len(wanted) > 5
     with pytest.raises(PageError, match="the logs: no readable event of session 9/9"):
-        load(logs, part=Part(session=(9, 9)))
+        load(logs, part=PagePart(session=(9, 9)))
     with pytest.raises(BadInput, match="cannot be read"):
-        load([tmp_path / "nothing"], part=Part(session=(9, 9)))
+        load([tmp_path / "nothing"], part=PagePart(session=(9, 9)))
     with pytest.raises(PageError, match="no readable event from 99,000 ms on"):
-        load(logs, part=Part(from_ms=99_000))
+        load(logs, part=PagePart(from_ms=99_000))
 
 
 def states(history: StateHistory) -> dict[int, Json]:
@@ -201,7 +201,7 @@ def states(history: StateHistory) -> dict[int, Json]:
 def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
     """Also where it ends within a step."""
     whole, first = load(FOUR), 5
-    part = load([FOUR[1], FOUR[0], *FOUR[2:]], part=Part(first, last))
+    part = load([FOUR[1], FOUR[0], *FOUR[2:]], part=PagePart(first, last))
     assert [log.header.station for log in part.logs] == [log.header.station for log in whole.logs]
     own = next(n for n, log in enumerate(part.logs) if log.file == str(FOUR[1]))
     assert [line for line, _ in part.logs[own].events] == list(range(first, last + 1))
@@ -221,13 +221,13 @@ def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
 def test_what_stands_outside_a_part_is_neither_lost_nor_forged() -> None:
     whole, part = (
         Counter(kind for _, kind, *_ in fives(as_dict(page)["arrows"]))
-        for page in (load(FOUR), load(FOUR, part=Part(100, 200)))
+        for page in (load(FOUR), load(FOUR, part=PagePart(100, 200)))
     )
     assert whole[LOST] and part[DELIVERED] and not part[LOST] and not part[FORGED]
 
 
 def test_a_part_says_which_it_is_and_where_it_goes_on() -> None:
-    page = load(FOUR[:2], part=Part(100, 200))
+    page = load(FOUR[:2], part=PagePart(100, 200))
     data = as_dict(page)
     assert f"{FOUR[0]} lines 100 to 200" in page.note and "by itself" in page.note
     assert page.note.replace("&", "&amp;") in html(page).decode()
@@ -240,14 +240,14 @@ def test_a_part_says_which_it_is_and_where_it_goes_on() -> None:
 
 def test_a_log_without_a_message_of_the_part_is_left_out_and_named(tmp_path: Path) -> None:
     stranger = restarts(tmp_path / "7.ndjson", 50)
-    page = load([FOUR[0], stranger], part=Part(100, 200))
+    page = load([FOUR[0], stranger], part=PagePart(100, 200))
     assert len(page.logs) == 1 and f"No message of these lines is in {stranger}" in page.note
 
 
 def test_a_divergence_before_a_part_is_the_reason_that_no_state_is_known() -> None:
     log = CORPUS / "bad" / "wrong_proposal.ndjson"
     (verdict,) = explain_files([log])
-    page = load([log], part=Part(verdict.finding.at.line + 1, len(records(log))))
+    page = load([log], part=PagePart(verdict.finding.at.line + 1, len(records(log))))
     assert page.histories[0].steps == [] and page.histories[0].why_not.endswith(
         str(verdict.finding.at.line)
     )

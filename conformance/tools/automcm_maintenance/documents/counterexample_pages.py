@@ -40,7 +40,7 @@ def committed(
     return written
 
 
-def failed(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Path]:
+def failed(verdicts: Sequence[models.ModelVerdict], folder: Path = FOLDER) -> list[Path]:
     """Write a page for each unexpected counterexample and return the paths.
 
     A counterexample that cannot be converted to logs is written as ITF.  Raises OSError.

@@ -41,7 +41,7 @@ PICTURE = ROOT / "docs" / "four-vehicles.svg"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
 
 
-def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
+def _counterexamples(verdicts: Iterable[models.ModelVerdict]) -> dict[Path, str]:
     return {
         COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": model_output.counterexample(verdict)
         for verdict in verdicts
@@ -49,7 +49,7 @@ def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
     }
 
 
-def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
+def counterexample_drift(verdicts: Sequence[models.ModelVerdict]) -> list[str]:
     """The committed counterexamples that differ from those just found."""
     return _lines(
         COUNTEREXAMPLES,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.json_forms import canonical, to_json
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES, line
 from automcm_spec.vocabulary.station import Input, Message, Session, State, Timer
@@ -91,7 +91,7 @@ class Comparison:
         return self.differing.total()
 
 
-def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
+def expected_of(oracle: Oracle, answer: OracleAnswer) -> dict[str, Any]:
     """The specification's answer, with the names of a report."""
     effect = answer.effect
     return {
@@ -154,7 +154,9 @@ def walk(
         if on_state is not None:
             on_state(n)
         here = {"state": state, "marks": oracle.marks[n]}
-        answers: Iterable[Answer] = oracle.changes(n) if transitions_only else oracle.answers(n)
+        answers: Iterable[OracleAnswer] = (
+            oracle.changes(n) if transitions_only else oracle.answers(n)
+        )
         try:
             adapter.put(state)
             round_trip = {"state": adapter.state(), "marks": adapter.marks()}

@@ -66,7 +66,7 @@ class Report:
     """Whether the models are checked; otherwise only the reference is compared."""
     rule: str | None = None
     """The rule of the short loop, which uses the small graph and disables only this rule."""
-    verdicts: list[models.Verdict] = field(default_factory=list)
+    verdicts: list[models.ModelVerdict] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     """The models that the quick profile leaves to *full*."""
     oracle: dict[str, Any] = field(default_factory=dict)
@@ -279,7 +279,7 @@ def run(
 
 def _stages(report: Report, notify: Callable[[str], None]) -> None:
     """Check the models beside the other stages, each of which uses one core or two."""
-    stop = tlc.Stop()
+    stop = tlc.TlcStop()
     with ThreadPoolExecutor(1) as beside:
         checking = beside.submit(_models, report, notify, stop) if report.models_too else None
         data = None
@@ -377,7 +377,7 @@ def _timed(
         report.seconds[name] = time.monotonic() - started
 
 
-def _models(report: Report, notify: Callable[[str], None], stop: tlc.Stop) -> None:
+def _models(report: Report, notify: Callable[[str], None], stop: tlc.TlcStop) -> None:
     loaded = models.load()
     chosen = models.of_profile(loaded, report.profile)
     if report.profile == "quick":
@@ -385,7 +385,7 @@ def _models(report: Report, notify: Callable[[str], None], stop: tlc.Stop) -> No
     with _timed(report, "models", notify) as notify:
         notify(f"models 0/{len(chosen)}")
 
-        def done(verdict: models.Verdict) -> None:
+        def done(verdict: models.ModelVerdict) -> None:
             report.verdicts.append(verdict)
             n = f"{len(report.verdicts)}/{len(chosen)}"
             how = " (kept)" if verdict.kept else ""

@@ -93,7 +93,7 @@ def _short_loop(report: Report) -> list[str]:
     return lines
 
 
-def _holds(verdicts: list[models.Verdict]) -> Table:
+def _holds(verdicts: list[models.ModelVerdict]) -> Table:
     table = _table("Models: every property holds")
     for name in ("distinct states", "checks", "reached", "seconds"):
         table.add_column(name, justify="left" if name == "checks" else "right")
@@ -110,7 +110,7 @@ def _holds(verdicts: list[models.Verdict]) -> Table:
     return table
 
 
-def _fails(verdicts: list[models.Verdict]) -> Table:
+def _fails(verdicts: list[models.ModelVerdict]) -> Table:
     """Two entries in a row, so that the output fits on one screen."""
     table = _table("Must fail: a mechanism taken away breaks what it protects")
     for name in ("breaks", "steps", "", "model", "breaks", "steps", ""):
@@ -122,11 +122,11 @@ def _fails(verdicts: list[models.Verdict]) -> Table:
     return table
 
 
-def _fail(v: models.Verdict) -> tuple[str, str, str, str]:
+def _fail(v: models.ModelVerdict) -> tuple[str, str, str, str]:
     return v.model.cfg, v.property or "-", str(len(v.trace) - 1) if v.trace else "", _mark(v)
 
 
-def _mark(v: models.Verdict) -> str:
+def _mark(v: models.ModelVerdict) -> str:
     return "[red]FAIL[/]" if not v.ok else "[green]kept[/]" if v.kept else "[green]ok[/]"
 
 
@@ -136,7 +136,7 @@ def _table(title: str) -> Table:
     return table
 
 
-def _problem(v: models.Verdict) -> tuple[str, ...]:
+def _problem(v: models.ModelVerdict) -> tuple[str, ...]:
     """The first line; errors of tools follow the tables."""
     if v.outcome == "error" and v.error is not None:
         return (f"{v.error.kind} error, see below",)

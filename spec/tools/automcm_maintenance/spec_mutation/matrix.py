@@ -190,7 +190,7 @@ class Matrix:
         module: str = MODULE,
         sparing: bool = False,
     ) -> None:
-        self.stop = tlc.Stop()
+        self.stop = tlc.TlcStop()
         self._sparing = sparing
         self._module = module
         self._cells = Cells(cells)
@@ -502,7 +502,7 @@ class Matrix:
         numbers: Sequence[int],
         known: Mapping[int, Collection[str]],
         read: Callable[[str], None],
-    ) -> tlc.Result:
+    ) -> tlc.TlcResult:
         """One run of TLC on a generated Station."""
         if self.stop.stopped:
             raise _Stopped

@@ -184,7 +184,7 @@ class _Run:
     ) -> None:
         cost = {"holds": 1, "violates": MUST_FAIL_COST}
         self.models = sorted(chosen, key=lambda m: (cost[m.expect] * m.seconds, m.cfg))
-        self.stop = tlc.Stop()
+        self.stop = tlc.TlcStop()
         self._cache = cache
         self._search_s = search_s
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
@@ -375,7 +375,7 @@ class _Stopped(Exception):
     """The run is being interrupted."""
 
 
-def _found(verdict: models.Verdict, cfg: str) -> _Found:
+def _found(verdict: models.ModelVerdict, cfg: str) -> _Found:
     if verdict.error is not None:
         error = verdict.error
         if error.kind in ("java", "disk"):

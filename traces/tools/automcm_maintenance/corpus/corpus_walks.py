@@ -29,7 +29,7 @@ from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Input, Message, Receive, Session, State
 from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import Question, effects_of
+from automcm_traces.export.behaviour_effects import EffectQuery, effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of_all
 
 MODULE = """---- MODULE Graph ----
@@ -251,9 +251,11 @@ class _Cached:
 
     def __init__(self, asker: Any) -> None:
         self._ask = asker
-        self._known: dict[Question, behaviour_to_log.Effects] = {}
+        self._known: dict[EffectQuery, behaviour_to_log.StepEffects] = {}
 
-    def __call__(self, questions: Iterable[Question]) -> dict[Question, behaviour_to_log.Effects]:
+    def __call__(
+        self, questions: Iterable[EffectQuery]
+    ) -> dict[EffectQuery, behaviour_to_log.StepEffects]:
         missing = [q for q in questions if q not in self._known]
         for first in range(0, len(missing), 1500):
             self._known |= self._ask(missing[first : first + 1500])
