@@ -44,7 +44,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (f"trace html {BAD}", "runs/trace.html"),
         (f"trace replay {BAD} -- {' '.join(REFERENCE)}", "runs/replay/ack_missing-replayed.ndjson"),
         ("simulate lane-change --vehicles 4 --seconds 1", "runs/simulate"),
-        ("experiment loss --workers 1", "runs/evaluation/loss/cells.ndjson"),
+        ("experiment loss --workers 1", "runs/evaluation/loss/cells"),
         ("demo", "runs/demo"),
     ],
 )

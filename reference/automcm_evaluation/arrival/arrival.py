@@ -17,14 +17,16 @@ from pydantic import Field
 
 from automcm.applications.lane_change import PaperLaneChange
 from automcm.applications.vehicle import Driving, Late
-from automcm_evaluation.arrival import arrival_page, sumo
-from automcm_evaluation.arrival.arrival_claims import SPEEDS_KMH, claims, summary
+from automcm_evaluation.arrival import arrival_figures, sumo
+from automcm_evaluation.arrival.arrival_tables import SPEEDS_KMH, names, summary
 from automcm_evaluation.framework.experiment import (
     Experiment,
     ExperimentError,
     Settings,
     Values,
+    blocks,
     columns,
+    grid,
 )
 from automcm_evaluation.framework.intervals import mean
 from automcm_simulation.road.drive import FourVehicles, arrival_s
@@ -35,7 +37,14 @@ BLOCK = 10
 TOO_LATE = 10
 """Time limit for an arrival, as a multiple of the undisturbed travel time."""
 PLACES = ("target_m", "signal_m", "signal_span_m", "beside_m", "beside_span_m")
-MODEL = ("notice", "brake", "restart_s", "restart_gap")
+MODEL = {
+    "notice": "notices",
+    "brake": "brakes",
+    "restart_s": "restarts_s",
+    "restart_gap": "restart_gaps",
+    "acceleration": "accelerations",
+}
+"""The parameters of the baseline, and the setting with the values tried of each."""
 Notice = Annotated[float, Field(ge=0, le=3)]
 Brake = Annotated[float, Field(gt=0, le=9)]
 Wait = Annotated[float, Field(ge=0, le=10)]
@@ -80,38 +89,35 @@ class Arrival(Settings):
     sumo: bool = True
     """Whether to run SUMO, too (automcm[sumo])."""
 
+    @property
+    def drawn_from(self) -> Values:
+        """The target, and the ranges of the starts."""
+        return {
+            "target_m": self.target_m,
+            "beside_m": [self.beside_m, self.beside_m + self.beside_span_m],
+            "signal_m": [self.signal_m, self.signal_m + self.signal_span_m],
+        }
+
 
 def cells(settings: Arrival) -> list[Values]:
     """The cells.  Those of SUMO come first, so that a missing SUMO is reported at once."""
     all_ = settings.model_dump(mode="json")
     places = {name: all_[name] for name in PLACES}
-    model = {name: all_[name] for name in (*MODEL, "acceleration")}
-    tried = {
-        "notice": all_["notices"],
-        "brake": all_["brakes"],
-        "restart_s": all_["restarts_s"],
-        "restart_gap": all_["restart_gaps"],
-        "acceleration": all_["accelerations"],
-    }
-    found: list[Values] = []
+    model = {name: all_[name] for name in MODEL}
+    tried = {name: all_[several] for name, several in MODEL.items()}
+    found = grid(part="sumo", speed_kmh=SPEEDS_KMH, how=[*sumo.HOWS], draws=settings.trials)
+    found = [each | {"places": places} for each in found if settings.sumo]
     for speed_kmh in SPEEDS_KMH:
-        here = {"speed_kmh": speed_kmh, "places": places}
-        if settings.sumo:
-            found += [
-                here | {"part": "sumo", "how": how, "draws": settings.trials} for how in sumo.HOWS
-            ]
-        here |= {"model": model}
-        trials = here | {"part": "trials"}
+        here: Values = {"speed_kmh": speed_kmh, "places": places, "model": model}
         found += [
-            trials | {"block": n, "trials": min(BLOCK, settings.trials - n)}
-            for n in range(0, settings.trials, BLOCK)
+            here | {"part": "trials", "trials": each["trials"], "block": BLOCK * each["block"]}
+            for each in blocks(settings.trials, BLOCK)
         ]
         here |= {"draws": settings.draws}
         found += [here | {"part": "one", "name": name, "tried": tried[name]} for name in tried]
-        grid = {"part": "grid", "restart_gaps": tried["restart_gap"]}
-        grid |= here | {"restarts_s": tried["restart_s"]}
-        found += [grid | {"brake": brake} for brake in tried["brake"]]
-    return sorted(found, key=lambda values: values["part"] != "sumo")
+        here |= {"restart_gaps": tried["restart_gap"], "restarts_s": tried["restart_s"]}
+        found += [here | one for one in grid(part="grid", brake=tried["brake"])]
+    return found
 
 
 def run(values: Values, seed: int) -> Values:
@@ -224,7 +230,7 @@ def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed:
     )
     driven = setting.on(Simulation(seed=seed), driver=PaperLaneChange)
     for receiver in driven.drivers[1:]:
-        receiver.vehicle.late = Late(**{name: model[name] for name in MODEL})
+        receiver.vehicle.late = Late(**{n: v for n, v in model.items() if n != "acceleration"})
     until_s = alone_s + 5
     driven.run(until_s)
     while (arrival := arrival_s(driven.road.of(3), target_m - beside_m)) is None:
@@ -266,7 +272,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=summary,
-    claims=claims,
-    page=arrival_page.page,
-    figures=arrival_page.figures,
+    names=names,
+    figures=arrival_figures.figures,
 )

@@ -13,10 +13,9 @@ from pydantic import Field
 
 from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
-from automcm_evaluation.bandwidth.bandwidth_claims import claims
-from automcm_evaluation.bandwidth.bandwidth_page import figures, page
-from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, SPARSE_CAM_MS, summary
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_evaluation.bandwidth.bandwidth_figures import figures
+from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS, names, summary
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -47,20 +46,12 @@ def cells(settings: Bandwidth) -> list[Values]:
     found: list[Values] = [{"part": "sizes"}, {"part": "series", "maneuvers": settings.maneuvers}]
     for vehicles in (2, 4):
         for loss, trials in ((0.0, LOSSLESS), (settings.loss, settings.trials)):
-            found += [
-                {
-                    "part": "drive",
-                    "vehicles": vehicles,
-                    "loss": loss,
-                    "block": n // BLOCK,
-                    "trials": min(BLOCK, trials - n),
-                }
-                for n in range(0, trials, BLOCK)
-            ]
+            drives = {"part": "drive", "vehicles": vehicles, "loss": loss}
+            found += [drives | block for block in blocks(trials, BLOCK)]
     usual = Parameters().max_participants
     for vehicles in settings.vehicles:
-        for participants in sorted({usual, max(usual, vehicles - 1)}):
-            found.append({"part": "many", "vehicles": vehicles, "participants": participants})
+        most = sorted({usual, max(usual, vehicles - 1)})
+        found += grid(part="many", vehicles=vehicles, participants=most)
     return found
 
 
@@ -130,7 +121,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=summary,
-    claims=claims,
-    page=page,
+    names=names,
     figures=figures,
 )

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from automcm.applications.vehicle import STEP_S, Driving
-from automcm_evaluation.comfort import comfort_claims, comfort_courses, comfort_page
+from automcm_evaluation.comfort import comfort_courses, comfort_figures, comfort_tables
 from automcm_evaluation.comfort.comfort_courses import (
     COURSES,
     PRESCRIBER,
@@ -41,7 +41,7 @@ from automcm_evaluation.comfort.comfort_measures import (
     slowed,
     tracks,
 )
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -82,12 +82,9 @@ def cells(settings: Comfort) -> list[Values]:
     """Fig. 6 at each speed, and all courses with faults in one stage at one speed."""
     all_ = settings.model_dump(mode="json")
     speeds, faults_kmh, trials = (all_.pop(name) for name in ("speeds_kmh", "faults_kmh", "trials"))
-    found = [{"part": "fig6", "speed_kmh": speed, "setting": all_} for speed in speeds]
-    return found + [
-        {"part": "courses", "speed_kmh": speed, "stage": stage, "trials": trials, "setting": all_}
-        for speed in faults_kmh
-        for stage in STAGES
-    ]
+    return grid(part="fig6", speed_kmh=speeds, setting=all_) + grid(
+        part="courses", speed_kmh=faults_kmh, stage=STAGES, trials=trials, setting=all_
+    )
 
 
 def run(values: Values, seed: int) -> Values:
@@ -105,7 +102,7 @@ def run(values: Values, seed: int) -> Values:
         drawn = setting.drawn(random.getrandbits(31), s["spread_m"])
         for name, cost in trial(drawn, values["stage"], (n + 0.5) / trials).items():
             drives.setdefault(name, []).append(cost)
-    return {name: comfort_claims.together(costs) for name, costs in drives.items()}
+    return {name: comfort_tables.together(costs) for name, costs in drives.items()}
 
 
 def trial(setting: Setting, stage: str, share: float) -> dict[str, Values]:
@@ -204,8 +201,7 @@ EXPERIMENT = Experiment(
     profiles={"quick": Comfort(trials=1, faults_kmh=(30,)), "standard": Comfort()},
     cells=cells,
     run=run,
-    summary=comfort_claims.summary,
-    claims=comfort_claims.claims,
-    page=comfort_page.page,
-    figures=comfort_page.figures,
+    summary=comfort_tables.summary,
+    names=comfort_tables.names,
+    figures=comfort_figures.figures,
 )

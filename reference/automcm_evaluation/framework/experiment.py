@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+
+from automcm_evaluation.framework import claims
+from automcm_evaluation.framework.claims import Claim
+from automcm_evaluation.framework.intervals import wilson
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,10 +22,9 @@ if TYPE_CHECKING:
 Json = Any
 Values = dict[str, Json]
 """The parameters or the results of a cell: JSON, equal on every machine."""
-Verdict = Literal["reproduced", "in shape only", "not reproduced", "beyond the paper"]
 PROFILES = ("quick", "standard")
 PAGES = Path(__file__).parents[1] / "pages"
-"""Templates of the experiments' pages."""
+"""NAME.md.j2 and NAME.claims.toml of each experiment: its page and its claims."""
 
 
 class ExperimentError(ValueError):
@@ -40,37 +45,13 @@ class Cell:
     result: Values
 
 
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A statement of the paper, or a further one, and the result here.
-
-    ``paper`` and ``here`` are the two figures with their units; ``why`` explains a difference.
-    """
-
-    claim: str
-    paper: str
-    here: str
-    verdict: Verdict
-    why: str = ""
-
-
-def graded(all_: bool, some: bool) -> Verdict:
-    """Reproduced if all parts hold; in shape if some do."""
-    return "reproduced" if all_ else "in shape only" if some else "not reproduced"
-
-
-def beyond(claim: str, here: str, holds: bool = True, why: str = "") -> Claim:
-    """A claim without a figure in the paper."""
-    return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """One experiment.
 
     ``run`` gets a cell's values and its seed; equal ones give equal results, in any process and
-    order.  ``summary`` computes from all cells the data of tables, figures and claims.  The other
-    functions get the complete report (``report.assemble``) and use no other data.
+    order.  ``summary`` computes from all cells the data of tables, figures and claims.  ``names``
+    and ``figures`` get the complete report (``report.assemble``) and use no other data.
     """
 
     name: str
@@ -80,9 +61,8 @@ class Experiment:
     cells: Callable[[Any], list[Values]]
     run: Callable[[Values, int], Values]
     summary: Callable[[Sequence[Cell]], Values]
-    claims: Callable[[Values], list[Claim]]
-    page: Callable[[Values], str]
-    """The report as Markdown, without its title and claims; figures are named FIGURE.svg."""
+    names: Callable[[Values], Values]
+    """What the page and the claims use, besides ``names_of``; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
     """Name and drawing of each figure; only called if matplotlib is installed."""
 
@@ -110,10 +90,58 @@ class Experiment:
                     texts.append(f"{where}: {e['input']!r}: {e['msg']}")
             raise ExperimentError("; ".join(texts)) from None
 
+    def names_of(self, report: Values) -> Values:
+        """The names that the page and the claims may use; ``s`` is the summary."""
+        usual = {"s": report["summary"], "settings": report["settings"], "wilson": wilson}
+        usual["seconds"] = lambda ms: f"{ms / 1000:g} s"
+        return usual | {"all": all, "any": any, "zip": zip} | self.names(report)
+
+    def claims(self, report: Values) -> list[Claim]:
+        """The claims of pages/NAME.claims.toml."""
+        return claims.read(PAGES / f"{self.name}.claims.toml", self.names_of(report))
+
+
+def grid(**values: Json) -> list[Values]:
+    """A cell for each combination of the values; a value that is not iterable stands for itself."""
+    lists = [
+        v if isinstance(v, Iterable) and not isinstance(v, str | dict) else (v,)
+        for v in values.values()
+    ]
+    return [dict(zip(values, each, strict=True)) for each in product(*lists)]
+
+
+def blocks(trials: int, size: int) -> list[Values]:
+    """So many trials in blocks of this size."""
+    return [{"block": n // size, "trials": min(size, trials - n)} for n in range(0, trials, size)]
+
 
 def chosen(cells: Sequence[Cell], **values: Json) -> list[Cell]:
     """The cells with these values."""
     return [cell for cell in cells if all(cell.values.get(name) == v for name, v in values.items())]
+
+
+def groups(cells: Sequence[Cell], *names: str) -> dict[tuple[Any, ...], list[Cell]]:
+    """The cells by their values of these names, in order of the values."""
+    found: dict[tuple[Any, ...], list[Cell]] = defaultdict(list)
+    for cell in cells:
+        found[tuple(cell.values[name] for name in names)].append(cell)
+    return dict(sorted(found.items()))
+
+
+def share(agreed: int, trials: int, digits: int = 6) -> Values:
+    """``trials``, ``agreed``, their ``share`` and its 95 % interval, ``low`` to ``high``."""
+    low, high = (round(limit, digits) for limit in wilson(agreed, trials))
+    at = round(agreed / trials, digits)
+    return {"trials": trials, "agreed": agreed, "share": at, "low": low, "high": high}
+
+
+def agreed_share(cells: Sequence[Cell], digits: int = 6) -> Values:
+    """``share`` of the trials in these cells that agreed."""
+    agreed, trials = (
+        sum(each)
+        for each in ([c.result["agreed"] for c in cells], [c.values["trials"] for c in cells])
+    )
+    return share(agreed, trials, digits)
 
 
 def columns(rows: Sequence[Values]) -> Values:

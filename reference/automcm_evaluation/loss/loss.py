@@ -11,9 +11,16 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import Arrival
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values
-from automcm_evaluation.loss import loss_page, loss_road, loss_sessions, loss_udp
-from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, claims, summary
+from automcm_evaluation.framework.experiment import (
+    Experiment,
+    Json,
+    Settings,
+    Values,
+    blocks,
+    grid,
+)
+from automcm_evaluation.loss import loss_figures, loss_road, loss_sessions, loss_udp
+from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, names, summary
 
 BLOCK, ROAD_BLOCK = 2500, 20
 """Numbers of sessions and of drives in one cell."""
@@ -55,55 +62,26 @@ class Loss(Settings):
 
 def cells(settings: Loss) -> list[Values]:
     """The longest first."""
-    found: list[Values] = []
+    s, found = settings, list[Values]()
+    place = PLACE.drawn_from | {"target_m": s.target_m}
 
-    def sessions(part: str, t_timeout: int, loss: int, trials: int, burst_ms: int = 0) -> None:
-        for n in range(0, trials, BLOCK):
-            found.append(
-                {
-                    "part": part,
-                    "t_timeout": t_timeout,
-                    "loss": loss,
-                    "burst_ms": burst_ms,
-                    "block": n // BLOCK,
-                    "trials": min(BLOCK, trials - n),
-                }
-            )
+    def add(trials: int, block: int, **values: Json) -> None:
+        found.extend(one | each for one in grid(**values) for each in blocks(trials, block))
 
-    for t_timeout in sorted(T_TIMEOUTS, reverse=True):
-        for loss in TENS:
-            sessions("tens", t_timeout, loss, settings.sessions)
-        for loss in FINE[t_timeout]:
-            if loss not in TENS:
-                sessions("fine", t_timeout, loss, settings.fine)
-        for burst_ms in settings.bursts_ms:
-            for loss in TENS:
-                sessions("bursts", t_timeout, loss, settings.in_bursts, burst_ms)
-        road = [{"part": "road", "loss": n} for n in sorted({*settings.road_losses, ROBUST})]
-        road += [
-            {"part": "road bursts", "loss": ROBUST, "burst_ms": ms} for ms in settings.bursts_ms
-        ]
-        found += [
-            which
-            | {
-                "t_timeout": t_timeout,
-                "block": n // ROAD_BLOCK,
-                "trials": min(ROAD_BLOCK, settings.road - n),
-                "target_m": settings.target_m,
-                "beside_m": [PLACE.beside_m, PLACE.beside_m + PLACE.beside_span_m],
-                "signal_m": [PLACE.signal_m, PLACE.signal_m + PLACE.signal_span_m],
-            }
-            for which in road
-            for n in range(0, settings.road, ROAD_BLOCK)
-        ]
-        if settings.udp:
-            found += [
-                {"part": "udp", "t_timeout": t_timeout, "loss": loss, "trials": settings.udp}
-                for loss in UDP
-            ]
-    for t_timeout in sorted(settings.timeouts, reverse=True):
-        for loss in settings.cost_losses:
-            sessions("cost", t_timeout, loss, settings.cost)
+    for t in sorted(T_TIMEOUTS, reverse=True):
+        fine = [loss for loss in FINE[t] if loss not in TENS]
+        add(s.sessions, BLOCK, part="tens", t_timeout=t, loss=TENS, burst_ms=0)
+        add(s.fine, BLOCK, part="fine", t_timeout=t, loss=fine, burst_ms=0)
+        add(s.in_bursts, BLOCK, part="bursts", t_timeout=t, burst_ms=s.bursts_ms, loss=TENS)
+        first = len(found)
+        road = sorted({*s.road_losses, ROBUST})
+        add(s.road, ROAD_BLOCK, part="road", t_timeout=t, loss=road)
+        add(s.road, ROAD_BLOCK, part="road bursts", t_timeout=t, loss=ROBUST, burst_ms=s.bursts_ms)
+        found[first:] = [one | place for one in found[first:]]
+        if s.udp:
+            found += grid(part="udp", t_timeout=t, loss=UDP, trials=s.udp)
+    costs = sorted(s.timeouts, reverse=True)
+    add(s.cost, BLOCK, part="cost", t_timeout=costs, loss=s.cost_losses, burst_ms=0)
     return found
 
 
@@ -141,7 +119,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=summary,
-    claims=claims,
-    page=loss_page.page,
-    figures=loss_page.plots,
+    names=names,
+    figures=loss_figures.plots,
 )

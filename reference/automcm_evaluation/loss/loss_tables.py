@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen, graded
+from automcm_evaluation.framework.experiment import Cell, Values, agreed_share, chosen, groups
 from automcm_evaluation.framework.intervals import mean, wilson
 from automcm_evaluation.loss.loss_sessions import BIN_MS
 from automcm_simulation.radio import success
@@ -19,6 +19,7 @@ PAPER_KNEES = {0: 10, 1000: 60, 2000: 70}
 """The loss in per cent from which arrival times increase rapidly (section VI-C)."""
 CLASSES_S = (29.0, 30.0, 31.0)
 """The limits of the four classes of Fig. 9."""
+CLASSES = ("29 s or less", "29 to 30 s", "30 to 31 s", "31 s or more")
 KNEE, HALF = 0.9, 0.5
 NEAR = 5.0
 """The paper's losses are multiples of 10 %; a knee within this tolerance agrees with them."""
@@ -70,28 +71,6 @@ NAMES = {
 }
 
 
-def share(cells: Sequence[Cell]) -> Values:
-    """``trials``, ``agreed`` and the 95 % interval ``low`` to ``high`` of these cells."""
-    trials = sum(cell.values["trials"] for cell in cells)
-    agreed = sum(cell.result["agreed"] for cell in cells)
-    low, high = wilson(agreed, trials)
-    return {
-        "trials": trials,
-        "agreed": agreed,
-        "share": round(agreed / trials, 6),
-        "low": round(low, 6),
-        "high": round(high, 6),
-    }
-
-
-def by_loss(cells: Sequence[Cell]) -> list[tuple[int, list[Cell]]]:
-    """The cells of each loss, in order."""
-    found: dict[int, list[Cell]] = defaultdict(list)
-    for cell in cells:
-        found[cell.values["loss"]].append(cell)
-    return sorted(found.items())
-
-
 def falls(points: Sequence[tuple[float, float]], below: float) -> float | None:
     """The interpolated loss in % at which a share first falls below a limit, or None."""
     for (a, high), (b, low) in pairwise(points):
@@ -105,63 +84,51 @@ def knees(points: Sequence[tuple[float, float]]) -> Values:
     return {"knee": falls(points, KNEE), "half": falls(points, HALF)}
 
 
+def by_loss(cells: Sequence[Cell]) -> list[Values]:
+    """The share that agrees at each loss."""
+    return [{"loss": loss} | agreed_share(some) for (loss,), some in groups(cells, "loss").items()]
+
+
 def summary(cells: Sequence[Cell]) -> Values:
     """Keys by t_timeout in ms, as text: ``points``, ``knees``, ``bursts`` and ``road_bursts`` (by
     length before), ``road``; and ``deviation`` (by model), ``cost``, ``smallest`` and ``udp``."""
-    found: Values = {"points": {}, "knees": {}, "road": {}, "bursts": {}, "road_bursts": {}}
+    found: Values = {"points": {}, "knees": {}, "road": {}}
     for t in T_TIMEOUTS:
         own = chosen(cells, t_timeout=t)
-        plain = [cell for cell in own if cell.values["part"] in ("tens", "fine")]
-        points = [
-            {"loss": loss}
-            | share(some)
-            | {n: round(f(loss / 100, t), 6) for n, f in MODELS.items()}
-            for loss, some in by_loss(plain)
-        ]
-        found["points"][str(t)] = points
-        found["knees"][str(t)] = {"measured": knees([(p["loss"], p["share"]) for p in points])} | {
-            name: knees([(x / 10, model(x / 1000, t)) for x in range(1001)])
-            for name, model in MODELS.items()
+        points = by_loss([c for c in own if c.values["part"] in ("tens", "fine")])
+        for p in points:
+            p |= {name: round(model(p["loss"] / 100, t), 6) for name, model in MODELS.items()}
+        road = groups(chosen(own, part="road"), "loss")
+        drives = [classes(loss, some) for (loss,), some in road.items()]
+        found["points"][str(t)], found["road"][str(t)] = points, drives
+        found["knees"][str(t)] = {
+            "measured": knees([(p["loss"], p["share"]) for p in points]),
+            "completed": knees([(r["loss"], r["completed"] / r["trials"]) for r in drives]),
+        } | {n: knees([(x / 10, f(x / 1000, t)) for x in range(1001)]) for n, f in MODELS.items()}
+    bursts = chosen(cells, part="bursts")
+    for name, some, table in (
+        ("bursts", bursts, by_loss),
+        ("road_bursts", chosen(cells, part="road bursts"), lambda own: classes(ROBUST, own)),
+    ):
+        found[name] = {
+            str(ms): {str(t): table(chosen(some, burst_ms=ms, t_timeout=t)) for t in T_TIMEOUTS}
+            for ms in dict.fromkeys(cell.values["burst_ms"] for cell in bursts)
         }
-        road = [classes(loss, some) for loss, some in by_loss(_of(own, "road"))]
-        found["road"][str(t)] = road
-        found["knees"][str(t)]["completed"] = knees(
-            [(row["loss"], row["completed"] / row["trials"]) for row in road]
-        )
-    for ms in dict.fromkeys(cell.values["burst_ms"] for cell in _of(cells, "bursts")):
-        some = chosen(cells, burst_ms=ms)
-        found["bursts"][str(ms)], found["road_bursts"][str(ms)] = {}, {}
-        for t in T_TIMEOUTS:
-            own = chosen(some, t_timeout=t)
-            found["bursts"][str(ms)][str(t)] = [
-                {"loss": loss} | share(one) for loss, one in by_loss(_of(own, "bursts"))
-            ]
-            found["road_bursts"][str(ms)][str(t)] = classes(ROBUST, _of(own, "road bursts"))
-    found["deviation"] = _deviation(found["points"])
-    found["cost"] = _cost(_of(cells, "cost"))
+    found["deviation"] = {}
+    for name in MODELS:
+        apart = [abs(p[name] - p["share"]) for some in found["points"].values() for p in some]
+        found["deviation"][name] = {
+            "largest": round(max(apart), 6),
+            "mean": round(mean(apart), 6),
+        }
+    found["cost"] = cost(chosen(cells, part="cost"))
     found["smallest"] = _smallest(found["cost"])
     found["udp"] = [
-        {
-            "t_timeout": cell.values["t_timeout"],
-            "loss": cell.values["loss"],
-            "latest_ms": cell.result["latest_ms"],
-        }
-        | share([cell])
-        for cell in _of(cells, "udp")
+        {name: c.values[name] for name in ("t_timeout", "loss")}
+        | {"latest_ms": c.result["latest_ms"]}
+        | agreed_share([c])
+        for c in chosen(cells, part="udp")
     ]
-    return found
-
-
-def _of(cells: Sequence[Cell], part: str) -> list[Cell]:
-    return chosen(cells, part=part)
-
-
-def _deviation(points: Values) -> Values:
-    """By model: the largest and the mean difference from the measurement, in shares."""
-    found = {}
-    for name in MODELS:
-        apart = [abs(p[name] - p["share"]) for some in points.values() for p in some]
-        found[name] = {"largest": round(max(apart), 6), "mean": round(mean(apart), 6)}
     return found
 
 
@@ -169,52 +136,36 @@ def classes(loss: int, cells: Sequence[Cell]) -> Values:
     """The number of drives by their class of Fig. 9."""
     times = [t for cell in cells for t in cell.result["arrival_s"]]
     limits = [-math.inf, *CLASSES_S, math.inf]
-    counts = [sum(low < t <= high for t in times) for low, high in pairwise(limits)]
     return {
         "loss": loss,
         "trials": len(times),
-        "classes": counts,
+        "classes": [sum(low < t <= high for t in times) for low, high in pairwise(limits)],
         "mean_s": round(mean(times), 3),
-        "agreed": sum(sum(cell.result["agreed"]) for cell in cells),
-        "completed": sum(sum(cell.result["completed"]) for cell in cells),
-        "stopped": sum(sum(cell.result["stopped"]) for cell in cells),
-    }
+    } | {n: sum(sum(c.result[n]) for c in cells) for n in ("agreed", "completed", "stopped")}
 
 
-def _cost(cells: Sequence[Cell]) -> list[Values]:
+def cost(cells: Sequence[Cell]) -> list[Values]:
     """By t_timeout and loss: messages sent for each agreement, those of failures included, and
     the time from request to agreement, on average and in 95 %; None without agreement."""
-    groups: dict[tuple[int, int], list[Cell]] = defaultdict(list)
-    for cell in cells:
-        groups[cell.values["t_timeout"], cell.values["loss"]].append(cell)
     found = []
-    for (t, loss), some in sorted(groups.items()):
-        of = share(some)
-        sent = sum(cell.result["sent"] for cell in some)
-        took = sum(cell.result["agreed_ms"] for cell in some)
+    for (t, loss), some in groups(cells, "t_timeout", "loss").items():
+        of = agreed_share(some)
+        sent, took = (sum(c.result[name] for c in some) for name in ("sent", "agreed_ms"))
+        counts: Counter[int] = Counter()
+        for cell in some:
+            counts.update(dict(cell.result["bins"]))
+        times = sorted(counts.elements())
+        last = times[math.ceil(0.95 * of["agreed"]) - 1] if times else None
         found.append(
             {"t_timeout": t, "loss": loss}
             | of
             | {
-                "messages": round(sent / of["agreed"], 2) if of["agreed"] else None,
-                "mean_ms": round(took / of["agreed"]) if of["agreed"] else None,
-                "q95_ms": _quantile([cell.result["bins"] for cell in some], of["agreed"]),
+                "messages": round(sent / of["agreed"], 2) if times else None,
+                "mean_ms": round(took / of["agreed"]) if times else None,
+                "q95_ms": None if last is None else (last + 1) * BIN_MS,
             }
         )
     return found
-
-
-def _quantile(histograms: Sequence[Sequence[Sequence[int]]], total: int) -> int | None:
-    """The end of the bin of the 95 % quantile, ms."""
-    counts: dict[int, int] = defaultdict(int)
-    for n, count in (entry for one in histograms for entry in one):
-        counts[n] += count
-    reached = 0
-    for n in sorted(counts):
-        reached += counts[n]
-        if reached >= 0.95 * total:
-            return (n + 1) * BIN_MS
-    return None
 
 
 def _smallest(cost: Sequence[Values]) -> list[Values]:
@@ -234,20 +185,58 @@ def _smallest(cost: Sequence[Values]) -> list[Values]:
     return found
 
 
-def claims(report: Values) -> list[Claim]:
-    """The paper's statements of section VI-C, and further claims."""
-    found = report["summary"]
-    made = [_rises(found), _longer(found), _explained(found), _robust(found)]
-    made += [_bursts(found)] if found["bursts"] else []
-    made += [_smallest_claim(found)] if found["smallest"] else []
-    made += [_sockets(found)] if found["udp"] else []
-    return made
+def percent(value: float | None) -> str:
+    """A loss as text, or that it was not reached."""
+    return "never" if value is None else f"{value:g}%"
 
 
-def late(found: Values, t: int) -> Values:
-    """The losses from which a tenth, and a half, of the drives are in the slowest class, %."""
-    rows = found["road"][str(t)]
-    return knees([(row["loss"], 1 - row["classes"][-1] / row["trials"]) for row in rows])
+# -- what the page and the claims use
+
+
+def names(report: Values) -> Values:
+    """``late``: the losses from which a tenth, and a half, of the drives are in the slowest class,
+    %; ``fits``: whether the paper's knees lie between two such losses; ``drives``: those at ROBUST
+    by kind of loss."""
+    s = report["summary"]
+    late = {
+        t: knees([(r["loss"], 1 - r["classes"][-1] / r["trials"]) for r in s["road"][str(t)]])
+        for t in T_TIMEOUTS
+    }
+    halves = [100.0 if late[t]["half"] is None else late[t]["half"] for t in T_TIMEOUTS]
+    by_model = {n: {t: s["knees"][str(t)][n] for t in T_TIMEOUTS} for n in MODELS}
+    even = {t: next(r for r in rows if r["loss"] == ROBUST) for t, rows in s["road"].items()}
+    bursts = {f"bursts of {int(ms) / 1000:g} s": of for ms, of in s["road_bursts"].items()}
+    at_robust = {
+        name: {t: next(p for p in points[t] if p["loss"] == ROBUST) for t in ROBUST_TIMEOUTS}
+        for name, points in zip(
+            ["even", *bursts], [s["points"], *s["bursts"].values()], strict=True
+        )
+    }
+    udp = [
+        (r, next(p for p in s["points"][str(r["t_timeout"])] if p["loss"] == r["loss"]))
+        for r in s["udp"]
+    ]
+    return {
+        "t_timeouts": T_TIMEOUTS,
+        "classes": CLASSES,
+        "model_names": NAMES,
+        "paper_knees": PAPER_KNEES,
+        "robust": ROBUST,
+        "robust_timeouts": ROBUST_TIMEOUTS,
+        "wanted": WANTED,
+        "late": late,
+        "later": halves == sorted(set(halves)),
+        "fits": {name: [_fits(of[t], t) for t in T_TIMEOUTS] for name, of in by_model.items()}
+        | {"late": [_fits(late[t], t) for t in T_TIMEOUTS]},
+        "longer": _longer(s),
+        "robust_points": at_robust,
+        "robust_even": min(p["share"] for p in at_robust["even"].values()),
+        "robust_low": min(p["low"] for of in at_robust.values() for p in of.values()),
+        "overlapping": sum(a["low"] <= b["high"] and b["low"] <= a["high"] for a, b in udp),
+        "drives": {"even": even} | bursts,
+        "percent": percent,
+        "by_loss": lambda points: {p["loss"]: p for p in points},
+    }
 
 
 def _fits(knee: Values, t: int) -> bool:
@@ -256,146 +245,13 @@ def _fits(knee: Values, t: int) -> bool:
     return knee["knee"] is not None and knee["knee"] - NEAR <= PAPER_KNEES[t] <= high + NEAR
 
 
-def percent(value: float | None) -> str:
-    """A loss as text, or that it was not reached."""
-    return "never" if value is None else f"{value:g}%"
-
-
-def _rises(found: Values) -> Claim:
-    of = {t: late(found, t) for t in T_TIMEOUTS}
-    fits = [_fits(of[t], t) for t in T_TIMEOUTS]
-    halves = [100.0 if of[t]["half"] is None else of[t]["half"] for t in T_TIMEOUTS]
-    here = ", ".join(
-        f"{percent(of[t]['knee'])} to {percent(of[t]['half'])} ({t / 1000:g} s)" for t in T_TIMEOUTS
-    )
-    return Claim(
-        "arrival times increase rapidly with the loss, later with a longer time-out",
-        "from 10% (0 s), 60% (1 s), 70% (2 s)",
-        f"a tenth to a half of the drives in the slowest class at {here}",
-        graded(all(fits), halves == sorted(set(halves))),
-        "four messages must arrive once each; if each also needed its Ack, success would fall "
-        "where the paper's does",
-    )
-
-
-def _longer(found: Values) -> Claim:
-    losses = sorted(
-        set.intersection(*({p["loss"] for p in some} for some in found["points"].values()))
-    )
-    at = {t: {p["loss"]: p for p in found["points"][str(t)]} for t in T_TIMEOUTS}
-    pairs = [(at[a][x], at[b][x]) for x in losses for a, b in ((0, 1000), (1000, 2000))]
-    ordered = all(b["high"] >= a["low"] for a, b in pairs)
-    better = sum(b["low"] > a["high"] for a, b in pairs)
-    drives = [
-        [wilson(row["completed"], row["trials"]) for row in found["road"][str(t)]]
-        for t in T_TIMEOUTS
-    ]
+def _longer(s: Values) -> Values:
+    """Of agreements and of drives: the number of comparisons of two time-outs at one loss, in how
+    many the longer one is significantly better; and whether it is never significantly worse."""
+    at = [{p["loss"]: (p["low"], p["high"]) for p in s["points"][str(t)]} for t in T_TIMEOUTS]
+    agreed = [(a[x], b[x]) for x in set.intersection(*map(set, at)) for a, b in pairwise(at)]
+    drives = [[wilson(r["completed"], r["trials"]) for r in rows] for rows in s["road"].values()]
     driven = [both for some in pairwise(drives) for both in zip(*some, strict=True)]
-    ordered = ordered and all(b[1] >= a[0] for a, b in driven)
-    longer = sum(b[0] > a[1] for a, b in driven)
-    return Claim(
-        "the longest time-out tolerates the most loss",
-        "t_timeout = 2 s is the most robust",
-        f"agreement falls below 90% at {_by_timeout(found, 'measured')}; "
-        f"completed drives at {_by_timeout(found, 'completed')}",
-        graded(ordered and better > 0, False),
-        f"a longer one is significantly better in {better} of {len(pairs)} comparisons of "
-        f"agreement, and in {longer} of {len(driven)} of completed drives",
-    )
-
-
-def _by_timeout(found: Values, what: str) -> str:
-    knee = {t: found["knees"][str(t)][what]["knee"] for t in T_TIMEOUTS}
-    return ", ".join(f"{percent(knee[t])} ({t / 1000:g} s)" for t in T_TIMEOUTS)
-
-
-def _explained(found: Values) -> Claim:
-    def fits(model: str) -> int:
-        return sum(_fits(found["knees"][str(t)][model], t) for t in T_TIMEOUTS)
-
-    apart = {n: found["deviation"][n]["largest"] for n in MODELS}
-    nearest = min(apart, key=lambda name: apart[name])
-    return Claim(
-        "Eq. 2 explains at which loss coordination fails",
-        "p = 1 - λ^(t_timeout/t_resend)",
-        f"Eq. 2 matches {fits('eq2')} of the paper's 3 knees, a model of three exchanges with Acks "
-        f"{fits('three_exchanges')} of 3; our measurement differs from Eq. 2 by up to "
-        f"{apart['eq2']:.0%}, from {NAMES[nearest]} by up to {apart[nearest]:.1%}",
-        graded(fits("eq2") == len(T_TIMEOUTS), False),
-        "with t_timeout = 0 Eq. 2 predicts no success; it covers one message, not a coordination",
-    )
-
-
-def robust_drives(found: Values) -> dict[str, Values]:
-    """By kind of loss, then by t_timeout: the drives at ROBUST."""
-    even = {t: next(r for r in rows if r["loss"] == ROBUST) for t, rows in found["road"].items()}
-    bursts = {f"bursts of {int(ms) / 1000:g} s": of for ms, of in found["road_bursts"].items()}
-    return {"even": even} | bursts
-
-
-def _robust(found: Values) -> Claim:
-    """Reproduced if agreement is robust against even loss and bursts; in shape if even loss."""
-    points = [found["points"], *found["bursts"].values()]
-    texts, lows, shares = [], [], []
-    for (name, drives), some in zip(robust_drives(found).items(), points, strict=True):
-        parts = []
-        for t in ROBUST_TIMEOUTS:
-            at = next(p for p in some[t] if p["loss"] == ROBUST)
-            lows.append(at["low"])
-            shares.append(at["share"])
-            parts.append(
-                f"{at['share']:.1%} agree, {drives[t]['completed']} of {drives[t]['trials']} "
-                f"drives complete ({int(t) / 1000:g} s)"
-            )
-        texts.append(f"{name}: " + ", ".join(parts))
-    return Claim(
-        f"robust below {ROBUST}% loss with a time-out of 1 or 2 s",
-        "robust",
-        f"at {ROBUST}%, " + "; ".join(texts),
-        graded(min(lows) >= WANTED, min(shares[: len(ROBUST_TIMEOUTS)]) >= KNEE),
-        "a burst as long as the time-out takes all copies of a message",
-    )
-
-
-def _bursts(found: Values) -> Claim:
-    longest = max(found["bursts"], key=int)
-
-    def at(points: Sequence[Values], loss: int) -> float:
-        return float(next(p["share"] for p in points if p["loss"] == loss))
-
-    parts = []
-    for t, loss in ((0, 10), (1000, 50), (2000, 60)):
-        even, burst = at(found["points"][str(t)], loss), at(found["bursts"][longest][str(t)], loss)
-        parts.append(f"{even:.1%} and {burst:.1%} ({t / 1000:g} s, {loss}%)")
-    return beyond(
-        f"loss in bursts of {int(longest) / 1000:g} s against even loss of the same mean",
-        "agreement with even loss and in bursts: " + ", ".join(parts),
-        why="a burst as long as the time-out takes all copies of a message",
-    )
-
-
-def _smallest_claim(found: Values) -> Claim:
-    parts = [
-        f"{row['loss']}%: "
-        + (f"{row['measured']} ms" if row["measured"] is not None else f"above {row['longest']} ms")
-        for row in found["smallest"]
-    ]
-    return beyond(
-        "the smallest time-out tried with which 99% agree",
-        ", ".join(parts),
-        why="no refusals; answers within a millisecond",
-    )
-
-
-def _sockets(found: Values) -> Claim:
-    inside = 0
-    for row in found["udp"]:
-        same = next(p for p in found["points"][str(row["t_timeout"])] if p["loss"] == row["loss"])
-        inside += row["low"] <= same["high"] and same["low"] <= row["high"]
-    trials = sum(row["trials"] for row in found["udp"])
-    return beyond(
-        "UDP sockets with a lossy relay agree with the simulated radio",
-        f"{inside} of {len(found['udp'])} points with overlapping 95 % intervals, {trials} "
-        "sessions",
-        why="run in real time, so not repeatable by seed",
-    )
+    better = [sum(b[0] > a[1] for a, b in pairs) for pairs in (agreed, driven)]
+    never_worse = all(b[1] >= a[0] for a, b in agreed + driven)
+    return {"better": better, "of": [len(agreed), len(driven)], "never_worse": never_worse}

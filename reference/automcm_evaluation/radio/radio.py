@@ -10,9 +10,9 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import Arrival
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
-from automcm_evaluation.radio import radio_crowd, radio_page, radio_sessions, radio_tables
+from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured, pooled
 from automcm_simulation.radio.table_radio import TableRadio
 
@@ -45,50 +45,18 @@ class Over(Settings):
 
 def cells(settings: Over) -> list[Values]:
     """The longest first."""
-    found: list[Values] = [
-        {
-            "part": "crowd",
-            "per_km": per_km,
-            "control": control,
-            "size_bytes": size,
-            "run_ms": settings.crowd_ms,
-        }
-        for per_km in sorted(settings.crowds, reverse=True)
-        for size in settings.sizes
-        for control in (False, True)
-    ]
-    found += [
-        {"part": "fit", "traffic": each.traffic.name, "seeds": settings.fit_seeds}
-        for each in reversed(ns3_measured())
-    ]
-    found += [
-        {
-            "part": "road",
-            "distance_m": distance,
-            "load": 0.0,
-            "t_timeout": t_timeout,
-            "trials": settings.road,
-            "target_m": PLACE.target_m,
-            "beside_m": [PLACE.beside_m, PLACE.beside_m + PLACE.beside_span_m],
-            "signal_m": [PLACE.signal_m, PLACE.signal_m + PLACE.signal_span_m],
-        }
-        for t_timeout in T_TIMEOUTS
-        for distance in settings.road_distances
-    ]
-    return found + [
-        {
-            "part": "sessions",
-            "distance_m": distance,
-            "load": load,
-            "t_timeout": t_timeout,
-            "block": n // BLOCK,
-            "trials": min(BLOCK, settings.sessions - n),
-        }
-        for t_timeout in sorted(T_TIMEOUTS, reverse=True)
-        for load in settings.loads
-        for distance in settings.distances
-        for n in range(0, settings.sessions, BLOCK)
-    ]
+    s = settings
+    crowds = sorted(s.crowds, reverse=True)
+    own = {"part": "crowd", "run_ms": s.crowd_ms}
+    sizes = grid(per_km=crowds, size_bytes=s.sizes, control=(False, True))
+    found = [own | each for each in sizes]
+    traffics = [each.traffic.name for each in reversed(ns3_measured())]
+    found += grid(part="fit", traffic=traffics, seeds=s.fit_seeds)
+    road = grid(part="road", load=0.0, t_timeout=T_TIMEOUTS, distance_m=s.road_distances)
+    found += [each | PLACE.drawn_from | {"trials": s.road} for each in road]
+    timeouts = sorted(T_TIMEOUTS, reverse=True)
+    sessions = grid(part="sessions", t_timeout=timeouts, load=s.loads, distance_m=s.distances)
+    return found + [one | block for one in sessions for block in blocks(s.sessions, BLOCK)]
 
 
 def run(values: Values, seed: int) -> Values:
@@ -134,7 +102,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=radio_tables.summary,
-    claims=radio_tables.claims,
-    page=radio_page.page,
-    figures=radio_page.plots,
+    names=radio_tables.names,
+    figures=radio_figures.plots,
 )

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 
-from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen
-from automcm_evaluation.framework.intervals import mean, wilson
-from automcm_evaluation.loss.loss_tables import classes
+from automcm_evaluation.framework.experiment import Cell, Values, agreed_share, chosen, groups
+from automcm_evaluation.framework.intervals import mean
+from automcm_evaluation.loss.loss_tables import CLASSES, classes
 from automcm_evaluation.radio.radio_traffic import (
     REACH_M,
     WIDTH_M,
@@ -98,28 +97,14 @@ def summary(cells: Sequence[Cell]) -> Values:
                 },
             }
         )
-    points: dict[tuple[int, float, int], list[Cell]] = defaultdict(list)
-    for cell in chosen(cells, part="sessions"):
-        v = cell.values
-        points[v["t_timeout"], v["load"], v["distance_m"]].append(cell)
-    sessions = []
-    for (t_timeout, load, distance), some in sorted(points.items()):
-        agreed = sum(cell.result["agreed"] for cell in some)
-        trials = sum(cell.values["trials"] for cell in some)
-        low, high = wilson(agreed, trials)
-        sessions.append(
-            {
-                "t_timeout": t_timeout,
-                "load": load,
-                "distance_m": distance,
-                "trials": trials,
-                "agreed": agreed,
-                "share": round(agreed / trials, 5),
-                "low": round(low, 5),
-                "high": round(high, 5),
-            }
-            | {n: round(mean([c.result[n] for c in some]), 5) for n in ("loss", *MODELS)}
-        )
+    sessions = [
+        {"t_timeout": t_timeout, "load": load, "distance_m": distance}
+        | agreed_share(some, 5)
+        | {n: round(mean([c.result[n] for c in some]), 5) for n in ("loss", *MODELS)}
+        for (t_timeout, load, distance), some in groups(
+            chosen(cells, part="sessions"), "t_timeout", "load", "distance_m"
+        ).items()
+    ]
     road = [
         {"t_timeout": cell.values["t_timeout"], "distance_m": cell.values["distance_m"]}
         | classes(0, [cell])
@@ -137,45 +122,21 @@ def summary(cells: Sequence[Cell]) -> Values:
     }
 
 
-def claims(report: Values) -> list[Claim]:
-    """Further claims; the paper has none on a radio channel."""
-    found = report["summary"]
-    return [_fits(found), _sessions(found), _crowds(found)]
+def names(report: Values) -> Values:
+    """``worst``: the largest differences over the traffics that were fitted, and over others."""
+    s = report["summary"]
 
-
-def _fits(found: Values) -> Claim:
     def worst(fitted: bool, what: str) -> float:
-        values = (f["largest"][what] for f in found["fit"] if f["fitted"] == fitted)
+        values = (f["largest"][what] for f in s["fit"] if f["fitted"] == fitted)
         return max((value for value in values if value is not None), default=0.0)
 
-    all_ = [worst(fitted, what) for fitted in (True, False) for what in ("arrived", "again")]
-    return beyond(
-        f"the table is within {POINTS:g} points of ns-3 at every distance and load",
-        f"arrival: {all_[0]:.1f} points at most in the fitted traffics, {all_[2]:.1f} in others; "
-        f"a loss after a loss: {all_[1]:.1f} and {all_[3]:.1f}",
-        max(all_) <= POINTS,
-        "the sampling errors of both are included",
-    )
-
-
-def _sessions(found: Values) -> Claim:
-    of = found["deviation"]
-    return beyond(
-        "KIN-7 explains how many sessions agree over a radio channel",
-        f"with its even loss it differs by up to {of['three_even']:.0%}, with lasting states of "
-        f"the channel by up to {of['three_lasting']:.0%}; four messages without Acks by up to "
-        f"{of['four_even']:.0%} and {of['four_lasting']:.0%}",
-        of["three_even"] <= 0.1,
-        "shadowing lasts longer than a time-out, so that resending helps less",
-    )
-
-
-def _crowds(found: Values) -> Claim:
-    over = [row for row in found["crowds"] if not row["control"] and row["busy"] > TARGET]
-    first = min((row["per_km"] for row in over), default=None)
-    return beyond(
-        "congestion control is needed by CAMs at 10 Hz",
-        f"the channel busy ratio exceeds {TARGET} "
-        + ("in no crowd tried" if first is None else f"from {first} vehicles per km on"),
-        why="by the size of the CAMs; see the table",
-    )
+    busy = [r["per_km"] for r in s["crowds"] if not r["control"] and r["busy"] > TARGET]
+    return {
+        "classes": CLASSES,
+        "models": MODELS,
+        "enough": ENOUGH,
+        "points": POINTS,
+        "target": TARGET,
+        "worst": [worst(fitted, of) for fitted in (True, False) for of in ("arrived", "again")],
+        "crowded_per_km": min(busy, default=None),
+    }

@@ -10,18 +10,17 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from automcm.links.simulated_radio import Channel
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values
-from automcm_evaluation.safety import safety_figures, safety_page, safety_road
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
+from automcm_evaluation.safety import safety_figures, safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Fault, Roles, drawn, inject
-from automcm_evaluation.safety.safety_tables import summary
+from automcm_evaluation.safety.safety_tables import names, summary
 from automcm_simulation.road.hazard_measures import Hazard, Watched, bound_ms, met
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
@@ -68,34 +67,19 @@ class Safety(Settings):
 
 def cells(settings: Safety) -> list[Values]:
     """The parts: faults by loss, mechanisms, fault classes, and the road."""
-    common = {"delay_ms": settings.delay_ms}
-    found: list[Values] = [
-        common | {"part": "faults", "fault": fault, "loss": loss, "drives": settings.drives}
-        for fault in (NOTHING, *KINDS, SEVERAL)
-        for loss in LOSSES
-    ]
+    s = settings
+    found = grid(part="faults", fault=(NOTHING, *KINDS, SEVERAL), loss=LOSSES, drives=s.drives)
+    found += grid(part="mechanisms", ablation=[*BY_NAME], drives=s.ablated)
+    found += grid(part="classes", ablation=CLASS_ABLATIONS, fault=CLASSES, drives=s.classes)
+    windows = [*safety_road.WINDOWS_MS]
     found += [
-        common | {"part": "mechanisms", "ablation": name, "drives": settings.ablated}
-        for name in BY_NAME
-    ]
-    found += [
-        common | {"part": "classes", "ablation": name, "fault": fault, "drives": settings.classes}
-        for name in CLASS_ABLATIONS
-        for fault in CLASSES
-    ]
-    for name, speed, begins, first in product(
-        safety_road.PROTOCOLS,
-        settings.speeds_kmh,
-        safety_road.WINDOWS_MS,
-        range(0, settings.road, settings.block),
-    ):
-        count = min(settings.block, settings.road - first)
-        found.append(
-            common
-            | {"part": "road", "ablation": name, "speed_kmh": speed, "begins": begins}
-            | {"first": first, "drives": count}
+        one | {"first": first, "drives": min(s.block, s.road - first)}
+        for one in grid(
+            part="road", ablation=safety_road.PROTOCOLS, speed_kmh=s.speeds_kmh, begins=windows
         )
-    return found
+        for first in range(0, s.road, s.block)
+    ]
+    return [each | {"delay_ms": s.delay_ms} for each in found]
 
 
 def run(values: Values, seed: int) -> Values:
@@ -244,7 +228,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=summary,
-    claims=safety_page.claims,
-    page=safety_page.page,
+    names=names,
     figures=safety_figures.figures,
 )

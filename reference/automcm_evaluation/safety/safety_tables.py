@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
-from automcm_evaluation.framework.experiment import Cell, Values, canonical, chosen
+from automcm_evaluation.framework.experiment import Cell, Values, canonical, chosen, grid
 from automcm_evaluation.framework.intervals import quantile, wilson
-from automcm_evaluation.safety import safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
+from automcm_evaluation.safety.safety_road import (
+    LOOKS,
+    NEAR_M,
+    PROTOCOLS,
+    UNCOORDINATED,
+    WINDOWS_MS,
+)
 
 COUNTS = (
     *("with_hazard", "unexcused", "beyond"),
     *("agreed", "maneuvers", "completed", "in_vain", "stuck"),
 )
+REACHED = 0.95
+"""A hazard of this share of B shows that B is nearly minimal."""
 HARD = 4.0
 """Harder braking of a receiver counts as hard, m/s²: twice the IDM's comfortable deceleration."""
 
@@ -21,18 +28,24 @@ HARD = 4.0
 def summary(cells: Sequence[Cell]) -> Values:
     """Tables by fault, mechanism, fault class and protocol on the road, and violations."""
     whole = [c for c in cells if c.values.get("ablation", WHOLE.name) == WHOLE.name]
-    found: Values = {
+    faults = chosen(cells, part="faults")
+    classes = [_class(cell) for cell in chosen(cells, part="classes")]
+    broken = _broken(whole) + [
+        f"T-2: {row['fault']}, perfect radio: hazard of {row['longest_ms']} ms, "
+        f"{row['formula']} = {row['bound_ms']} ms"
+        for row in classes
+        if row["ablation"] == WHOLE.name and row["longest_ms"] > row["bound_ms"]
+    ]
+    return {
         "bound_ms": whole[0].result["bound_ms"],
         "delay_ms": whole[0].values["delay_ms"],
         "all": _all(whole),
-        "faults": _by(chosen(cells, part="faults"), "fault"),
-        "losses": _by(chosen(cells, part="faults"), "loss"),
+        "faults": _by(faults, "fault"),
+        "losses": _by(faults, "loss"),
         "mechanisms": _mechanisms(chosen(cells, part="mechanisms")),
-        "classes": [_class(cell) for cell in chosen(cells, part="classes")],
+        "classes": classes,
         "road": _road(chosen(cells, part="road")),
-    }
-    broken = _broken(whole) + _classes_broken(found["classes"])
-    return found | ({"broken": broken} if broken else {})
+    } | ({"broken": broken} if broken else {})
 
 
 def lengths(cells: Sequence[Cell]) -> list[int]:
@@ -87,20 +100,17 @@ def shows(row: Values, whole: Values) -> list[str]:
     """
     if row is whole:
         return []
-    found = []
-    if row["unexcused"]:
-        found.append("hazards without excuse (S-5)")
-    if row["beyond"]:
-        found.append("hazards longer than B (T-2)")
-    if row["stuck"]:
-        found.append("stations that never come free (L-1)")
-    if _apart(whole, row, "with_hazard", "drives"):
-        found.append("more hazards")
-    if _apart(row, whole, "agreed", "drives"):
-        found.append("fewer agreements (L-2)")
-    if _apart(whole, row, "in_vain", "completed"):
-        found.append("more maneuvers finished that the target takes for failed (L-2)")
-    return found
+    found = {
+        "hazards without excuse (S-5)": row["unexcused"],
+        "hazards longer than B (T-2)": row["beyond"],
+        "stations that never come free (L-1)": row["stuck"],
+        "more hazards": _apart(whole, row, "with_hazard", "drives"),
+        "fewer agreements (L-2)": _apart(row, whole, "agreed", "drives"),
+        "more maneuvers finished that the target takes for failed (L-2)": _apart(
+            whole, row, "in_vain", "completed"
+        ),
+    }
+    return [text for text, worse in found.items() if worse]
 
 
 def _apart(low: Values, high: Values, hits: str, trials: str) -> bool:
@@ -123,36 +133,28 @@ def _class(cell: Cell) -> Values:
 def _road(cells: Sequence[Cell]) -> list[Values]:
     """A row for each protocol, speed and window of faults."""
     rows = []
-    speeds = dict.fromkeys(cell.values["speed_kmh"] for cell in cells)
-    for name in safety_road.PROTOCOLS:
-        for speed, begins in product(speeds, safety_road.WINDOWS_MS):
-            some = chosen(cells, ablation=name, speed_kmh=speed, begins=begins)
-            found = lengths(some)
-            rooms, gaps, times = (
-                [value for cell in some for value in cell.result[what] if value is not None]
-                for what in ("room_m", "gap_m", "ttc_s")
-            )
-            rows.append(
-                {
-                    "ablation": name,
-                    "speed_kmh": speed,
-                    "begins": begins,
-                    "drives": sum(cell.values["drives"] for cell in some),
-                    "moved": len(rooms),
-                    "with_hazard": sum(cell.result["with_hazard"] for cell in some),
-                    "begun": sum(cell.result["begun"] for cell in some),
-                    "unasked": sum(cell.result["unasked"] for cell in some),
-                    "longest_ms": max(found, default=0),
-                    "least_room_m": min(rooms, default=None),
-                    "median_room_m": round(quantile(rooms, 0.5), 1) if rooms else None,
-                    "abreast": sum(room < 0 for room in rooms),
-                    "near": sum(room < safety_road.NEAR_M for room in rooms),
-                    "least_gap_m": min(gaps, default=None),
-                    "collisions": sum(gap <= 0 for gap in gaps),
-                    "least_ttc_s": min(times, default=None),
-                    "hard": sum(b > HARD for cell in some for b in cell.result["braking"]),
-                }
-            )
+    speeds = list(dict.fromkeys(cell.values["speed_kmh"] for cell in cells))
+    for row in grid(ablation=PROTOCOLS, speed_kmh=speeds, begins=[*WINDOWS_MS]):
+        some = chosen(cells, **row)
+        rooms, gaps, times = (
+            [value for cell in some for value in cell.result[what] if value is not None]
+            for what in ("room_m", "gap_m", "ttc_s")
+        )
+        row |= {n: sum(c.result[n] for c in some) for n in ("with_hazard", "begun", "unasked")}
+        row |= {
+            "drives": sum(cell.values["drives"] for cell in some),
+            "moved": len(rooms),
+            "longest_ms": max(lengths(some), default=0),
+            "least_room_m": min(rooms, default=None),
+            "median_room_m": round(quantile(rooms, 0.5), 1) if rooms else None,
+            "abreast": sum(room < 0 for room in rooms),
+            "near": sum(room < NEAR_M for room in rooms),
+            "least_gap_m": min(gaps, default=None),
+            "collisions": sum(gap <= 0 for gap in gaps),
+            "least_ttc_s": min(times, default=None),
+            "hard": sum(b > HARD for cell in some for b in cell.result["braking"]),
+        }
+        rows.append(row)
     return rows
 
 
@@ -174,10 +176,48 @@ def _broken(whole: Sequence[Cell]) -> list[str]:
     return texts
 
 
-def _classes_broken(classes: Sequence[Values]) -> list[str]:
-    return [
-        f"T-2: {row['fault']}, perfect radio: hazard of {row['longest_ms']} ms, "
-        f"{row['formula']} = {row['bound_ms']} ms"
-        for row in classes
-        if row["ablation"] == WHOLE.name and row["longest_ms"] > row["bound_ms"]
-    ]
+# -- what the page and the claims use
+
+
+def names(report: Values) -> Values:
+    """``own``: the fault classes of the complete protocol; ``class_of`` of a fault without a
+    mechanism; ``road_*``: sums for each window of faults of a protocol, at all speeds."""
+    s = report["summary"]
+    mechanisms = [row for row in s["mechanisms"] if row["rule"]]
+    of = {(row["ablation"], row["fault"]): row for row in s["classes"]}
+    protocols = list(dict.fromkeys(name for name, _ in of))
+    faults = dict.fromkeys(fault for _, fault in of)
+    own = [row for row in s["classes"] if row["ablation"] == WHOLE.name]
+    outside = [row["ablation"] for row in mechanisms if row["unexcused"] or row["beyond"]]
+
+    def road(protocol: str) -> list[Values]:
+        return [
+            {"begins": begins}
+            | {
+                n: sum(
+                    r[n] for r in s["road"] if (r["ablation"], r["begins"]) == (protocol, begins)
+                )
+                for n in ("drives", "moved", "near", "hard")
+            }
+            for begins in WINDOWS_MS
+        ]
+
+    return {
+        "class_names": protocols,
+        "classes": {
+            fault: [of[n, fault] for n in protocols if (n, fault) in of] for fault in faults
+        },
+        "class_of": lambda fault, protocol=WHOLE.name: of[protocol, fault],
+        "own": own,
+        "kept": sum(row["longest_ms"] <= row["bound_ms"] for row in own),
+        "ablations": BY_NAME,
+        "hard": HARD,
+        "near_m": NEAR_M,
+        "reached": REACHED,
+        "removed": len(mechanisms),
+        "shown": sum(bool(row["shows"]) for row in mechanisms),
+        "outside": outside,
+        "road_whole": road(WHOLE.name),
+        "road_looks": road(LOOKS),
+        "road_alone": road(UNCOORDINATED),
+    }

@@ -1,7 +1,8 @@
 """Runs the cells of an experiment on all cores or on Dask, and resumes after an interruption.
 
-Each finished cell is written to ``cells.ndjson`` at once.  The seed of a cell depends only on the
-sweep's seed and the cell's values, so that neither the order nor the number of workers matters.
+Each finished cell is a file, named by the hash of all that its result depends on, so that sweeps
+can share a folder.  The seed of a cell depends only on the sweep's seed and the cell's values, so
+that neither the order nor the number of workers matters.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module, resources
 from importlib.metadata import version
@@ -20,8 +22,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
-from pydantic_core import from_json
+from pydantic import TypeAdapter, ValidationError
 
 from automcm_evaluation.framework.experiment import (
     Cell,
@@ -52,6 +53,8 @@ ENDINGS = ".py", ".json", ".xml", ".osm"
 
 
 CELL = TypeAdapter(Cell)
+CELLS = "cells"
+"""The folder of the finished cells, one file each."""
 
 
 def seed_of(name: str, values: Values, seed: int) -> int:
@@ -72,7 +75,7 @@ def code() -> str:
 
 
 def header(made: Experiment, profile: str, seed: int, settings: Settings) -> Values:
-    """The description of a sweep; only sweeps with equal ones can share cells."""
+    """The description of a sweep, for its report."""
     return {
         "experiment": made.name,
         "profile": profile,
@@ -91,45 +94,21 @@ def run_cell(name: str, values: Values, seed: int) -> Values:
     return result
 
 
-def sweep(
-    made: Experiment,
-    about: Values,
-    folder: Path,
-    *,
-    workers: int = 0,
-    scheduler: str = "",
-    again: bool = False,
-    notify: Callable[[int, int], None] = lambda done, of: None,
-) -> list[Cell]:
+def sweep(made: Experiment, about: Values, folder: Path, **how: Any) -> list[Cell]:
     """Run all cells, in the order of the experiment, except those that are already finished.
 
-    ``about`` is from ``header``.  ``workers``: processes; 0: one for each core.  ``scheduler``: a
-    Dask scheduler's address, in place of processes of this machine.  ``again``: repeat
-    finished cells, and discard those of another sweep.  ``notify`` gets the number of finished
-    cells and of all cells.
-
-    Raises ExperimentError for settings that cannot work, a folder with cells of another sweep,
-    a missing extra, and a process that broke off; OSError for a folder that cannot be written or a
-    disk that is full.
+    ``about`` is from ``header``; ``how`` as in ``finish``, which see.
     """
     settings = made.settings.model_validate(about["settings"])
+    of = {name: about[name] for name in ("experiment", "seed", "version", "code")}
     run = partial(run_cell, made.name, seed=about["seed"])
-    return finish(
-        made.cells(settings),
-        run,
-        about,
-        folder,
-        workers=workers,
-        scheduler=scheduler,
-        again=again,
-        notify=notify,
-    )
+    return finish(made.cells(settings), run, of, folder, **how)
 
 
 def finish(
     wanted: Sequence[Values],
     run: Callable[[Values], Values],
-    about: Values,
+    of: Values,
     folder: Path,
     *,
     workers: int = 0,
@@ -139,122 +118,77 @@ def finish(
 ) -> list[Cell]:
     """Run the cells with these values, in this order, except those that are already finished.
 
-    ``run`` must be picklable.  A folder with another ``about`` is refused.  Otherwise as ``sweep``.
+    ``run`` must be picklable; ``of`` is what a result depends on besides the values.
+    ``workers``: processes; 0: one for each core.  ``scheduler``: a Dask scheduler's address, in
+    place of processes of this machine.  ``again``: repeat finished cells.  ``notify`` gets the
+    number of finished cells and of all cells.
+
+    Raises ExperimentError for a cell that is wanted twice, a file that is no cell, a missing extra,
+    and a process that broke off; OSError for a folder that cannot be written or a disk that is
+    full.
     """
-    texts = [canonical(values) for values in wanted]
-    if len(set(texts)) != len(texts):
+    kept = {canonical(values): folder / CELLS / _name(of, values) for values in wanted}
+    if len(kept) != len(wanted):
         raise ExperimentError("the sweep contains a cell twice")
-    kept = folder / "cells.ndjson"
-    prepare(folder)
-    try:
-        done = resumed(kept, about)
-    except ExperimentError:
-        if not again:
-            raise
-        kept.unlink()
-        done = resumed(kept, about)
-    missing = [
-        values for values, text in zip(wanted, texts, strict=True) if again or text not in done
-    ]
-    notify(len(wanted) - len(missing), len(wanted))
-    ran = len(wanted) - len(missing)
-    files.refuse_links(kept)
-    with kept.open("a", encoding="utf-8") as file:
-        for values, result in _results(run, missing, workers, scheduler):
-            file.write(canonical({"values": values, "result": result}) + "\n")
-            file.flush()
-            done[canonical(values)] = result
-            ran += 1
-            notify(ran, len(wanted))
-    return [Cell(values, done[text]) for values, text in zip(wanted, texts, strict=True)]
-
-
-def prepare(folder: Path) -> None:
-    """Make the folder and check that it can be written before a long run.  Raises OSError."""
     files.folder(folder, named=True)
-    probe = folder / ".probe"
-    try:
-        files.write(probe, b"probe")
-    finally:
-        probe.unlink(missing_ok=True)
+    files.folder(folder / CELLS)
     free = shutil.disk_usage(folder).free
     if free < FREE_BYTES:
         raise OSError(f"{folder}: {free:,} bytes are free, but {FREE_BYTES:,} are required")
+    missing = [v for v in wanted if again or not kept[canonical(v)].exists()]
+    before = len(wanted) - len(missing)
+    notify(before, len(wanted))
+    for n, (values, result) in enumerate(_results(run, missing, workers, scheduler), before + 1):
+        cell = {"values": values, "result": result}
+        files.write(kept[canonical(values)], canonical(cell) + "\n")
+        notify(n, len(wanted))
+    return [_cell(path) for path in kept.values()]
 
 
-def resumed(kept: Path, about: Values) -> dict[str, Values]:
-    """The results in a file by the cells' values, as text; the file can then be appended to.
+def _name(of: Values, values: Values) -> str:
+    text = canonical(of | {"values": values})
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
 
-    A truncated last line is removed; a new file begins with ``about``.  Of a repeated cell the last
-    result counts.  Raises ExperimentError for
-    a file of another sweep, or for an invalid one.
-    """
-    data = kept.read_bytes() if kept.exists() else b""
-    lines = data.split(b"\n")[:-1]
-    if not lines:
-        files.write(kept, canonical(about) + "\n")
-        return {}
-    found = {}
-    for number, line in enumerate(lines, 1):
-        try:
-            if number > 1:
-                cell = CELL.validate_json(line)
-                found[canonical(cell.values)] = cell.result
-                continue
-            value = from_json(line)
-        except ValueError:
-            raise ExperimentError(f"{kept}:{number}: not a finished cell") from None
-        if value != about:
-            names = [
-                name
-                for name in about
-                if not isinstance(value, dict) or value.get(name) != about[name]
-            ]
-            raise ExperimentError(
-                f"{kept} belongs to another sweep ({', '.join(names)} differ); "
-                "give another --out, or --again to discard it"
-            )
-    whole = sum(len(line) + 1 for line in lines)
-    if whole < len(data):
-        os.truncate(kept, whole)
-    return found
+
+def _cell(path: Path) -> Cell:
+    try:
+        return CELL.validate_json(path.read_bytes())
+    except ValidationError:
+        raise ExperimentError(f"{path}: not a finished cell") from None
 
 
 def _results(
     run: Callable[[Values], Values], missing: Sequence[Values], workers: int, scheduler: str
 ) -> Iterator[tuple[Values, Values]]:
     """Yield each cell when it is finished."""
-    if not missing:
-        return
-    if scheduler:
-        yield from _on_dask(run, missing, scheduler)
-        return
     workers = min(workers or os.cpu_count() or 1, len(missing))
-    if workers == 1:
-        for values in missing:
-            yield values, run(values)
+    if workers <= 1 and not scheduler:
+        yield from ((values, run(values)) for values in missing)
         return
-    with ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=children.end_with_parent
-    ) as pool:
-        running: dict[Future[Values], Values] = {
-            pool.submit(run, values): values for values in missing
-        }
+    with _pool(workers, scheduler) as pool:
+        running = {pool.submit(run, values): values for values in missing}
+        broken = set()
         try:
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    if not isinstance(future.exception(), BrokenProcessPool):
-                        yield running.pop(future), future.result()
-                        continue
-                    begun = [canonical(values) for values in running.values()][:workers]
-                    raise ExperimentError(f"a process broke off; it ran {' or '.join(begun)}")
+            for future in as_completed(running):
+                if isinstance(future.exception(), BrokenProcessPool):
+                    broken.add(future)
+                else:
+                    yield running[future], future.result()
         finally:
-            pool.shutdown(cancel_futures=True)
+            for future in running:
+                future.cancel()
+        begun = [canonical(values) for future, values in running.items() if future in broken]
+        if begun:
+            raise ExperimentError(f"a process broke off; it ran {' or '.join(begun[:workers])}")
 
 
-def _on_dask(
-    run: Callable[[Values], Values], missing: Sequence[Values], scheduler: str
-) -> Iterator[tuple[Values, Values]]:
+@contextmanager
+def _pool(workers: int, scheduler: str) -> Iterator[Executor]:
+    if not scheduler:
+        start = children.end_with_parent
+        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start) as pool:
+            yield pool
+        return
     try:
         dask: Any = import_module("distributed")
     except ModuleNotFoundError as error:
@@ -262,6 +196,4 @@ def _on_dask(
             raise
         raise ExperimentError("--scheduler needs Dask: pip install 'automcm[dask]'") from None
     with dask.Client(scheduler, timeout=CONNECT_S) as client:
-        futures = {client.submit(run, values, pure=False): values for values in missing}
-        for future in dask.as_completed(futures):
-            yield futures[future], future.result()
+        yield client.get_executor(pure=False)

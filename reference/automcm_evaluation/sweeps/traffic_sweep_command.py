@@ -50,7 +50,7 @@ def traffic_sweep(
     """Look for collisions, hazards and diverging logs in traffic.
 
     Each run of 30 simulated seconds draws its vehicles, density, penetration and radio from its
-    seed.  The command writes a line of JSON for each run to cells.ndjson at once, and continues
+    seed.  The command writes a file for each run to the folder cells at once, and continues
     there after an interruption, also with more seeds.  The exit code is 1 if equipped vehicles
     collided, a maneuver caused a collision, an equipped vehicle hit a pedestrian, a hazard was
     unexcused (S-5) or exceeded its bound (T-2), a log diverges (trace explain), a repeated seed

@@ -7,11 +7,17 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import Experiment, ExperimentError, Settings, Values
+from automcm_evaluation.framework.experiment import (
+    Experiment,
+    ExperimentError,
+    Settings,
+    Values,
+    grid,
+)
 from automcm_evaluation.traffic_experiment import (
     crowd_sessions,
     traffic_cell,
-    traffic_page,
+    traffic_figures,
     traffic_tables,
 )
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
@@ -25,7 +31,7 @@ Block = tuple[
     Annotated[int, Field(ge=1, le=1000)],
 ]
 """A scenario, vehicles per km over all lanes, penetrations, and the number of seeds."""
-FOUR, MERGE = traffic_page.ASKED, "merge"
+FOUR, MERGE = traffic_tables.ASKED, "merge"
 
 
 class Scale(Settings):
@@ -56,52 +62,28 @@ def cells(settings: Scale) -> list[Values]:
             raise ExperimentError(
                 f"blocks: there is no scenario {name!r}; there are: {', '.join(SCENARIOS)}"
             )
-    found: list[Values] = [
-        {"part": "answers", "receivers": n, "early": early, "run_ms": settings.receivers_ms}
-        for n in settings.receivers
-        for early in (False, True)
-    ]
+    s = settings
+    found = grid(part="answers", receivers=s.receivers, early=(False, True), run_ms=s.receivers_ms)
+    crowd = {"part": "all ask", "run_ms": s.stations_ms}
+    crowds = [crowd | each for each in grid(stations=s.stations, spread_ms=s.spreads_ms)]
     blocks = settings.blocks if settings.sumo else ()
     last = max((settings.crowds, *(block[3] for block in blocks)))
     for seed in range(1, last + 1):
         if seed <= settings.crowds:
-            found += _crowds(settings, seed)
+            found += [each | {"seed": seed} for each in crowds]
         for block in blocks:
             if seed <= block[3]:
                 found += [values for values in _runs(settings, block, seed) if values not in found]
     return found
 
 
-def _crowds(settings: Scale, seed: int) -> list[Values]:
-    return [
-        {
-            "part": "all ask",
-            "stations": n,
-            "spread_ms": spread,
-            "seed": seed,
-            "run_ms": settings.stations_ms,
-        }
-        for n in settings.stations
-        for spread in settings.spreads_ms
-    ]
-
-
 def _runs(settings: Scale, block: Block, seed: int) -> list[Values]:
     """Those without stations do not depend on the penetration."""
     scenario, per_km, shares, _ = block
-    where = {
-        "part": "road",
-        "scenario": scenario,
-        "per_km": per_km,
-        "metres": settings.metres,
-        "seconds": settings.seconds,
-        "seed": seed,
-    }
-    return [where | {"variant": variant, "share": 0.0} for variant in traffic_cell.ALONE] + [
-        where | {"variant": variant, "share": share}
-        for share in shares
-        for variant in ("silent", "stations")
-    ]
+    where = {"part": "road", "scenario": scenario, "per_km": per_km, "seed": seed}
+    where |= {"metres": settings.metres, "seconds": settings.seconds}
+    runs = grid(share=0.0, variant=traffic_cell.ALONE)
+    return [where | run for run in runs + grid(share=shares, variant=("silent", "stations"))]
 
 
 def run(values: Values, seed: int) -> Values:
@@ -116,8 +98,8 @@ def run(values: Values, seed: int) -> Values:
 
 def _grid() -> tuple[Block, ...]:
     """What was asked for."""
-    shares, seeds = traffic_page.ASKED_SHARES, traffic_page.ASKED_SEEDS
-    return tuple((FOUR, per_km, shares, seeds) for per_km in traffic_page.ASKED_DENSITIES)
+    shares, seeds = traffic_tables.ASKED_SHARES, traffic_tables.ASKED_SEEDS
+    return tuple((FOUR, per_km, shares, seeds) for per_km in traffic_tables.ASKED_DENSITIES)
 
 
 EXPERIMENT = Experiment(
@@ -135,8 +117,8 @@ EXPERIMENT = Experiment(
             crowds=1,
         ),
         "standard": Scale(
-            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_page.ASKED_SEEDS), *_grid()),
-            crowds=traffic_page.ASKED_SEEDS,
+            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
+            crowds=traffic_tables.ASKED_SEEDS,
         ),
         "coarse": Scale(
             blocks=(
@@ -152,7 +134,6 @@ EXPERIMENT = Experiment(
     cells=cells,
     run=run,
     summary=traffic_tables.summary,
-    claims=traffic_tables.claims,
-    page=traffic_page.page,
-    figures=traffic_page.plots,
+    names=traffic_tables.names,
+    figures=traffic_figures.plots,
 )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
 
-from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond, chosen
+from automcm.applications.occupancy import HARDEST
+from automcm_evaluation.framework.experiment import Cell, Values, chosen, groups
 from automcm_evaluation.framework.intervals import mean, quantile
-from automcm_evaluation.traffic_experiment.traffic_cell import VARIANTS
-from automcm_simulation.traffic.traffic_measures import TTC_S
+from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
+from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
+from automcm_simulation.traffic.mover import STEP_MS
+from automcm_simulation.traffic.traffic_measures import OVER_STEPS, TTC_S
 from automcm_spec.vocabulary.parameters import Parameters
 
 OTHERS = tuple(variant for variant in VARIANTS if variant != "stations")
@@ -60,6 +62,14 @@ def summary(cells: Sequence[Cell]) -> Values:
     }
 
 
+def added(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """The sums by name, in order of the names."""
+    found: Counter[str] = Counter()
+    for each in counts:
+        found.update(each)
+    return dict(sorted(found.items()))
+
+
 def _spread(values: Sequence[float | None]) -> list[float] | None:
     """Median, least and greatest of those known."""
     known = [value for value in values if value is not None]
@@ -68,23 +78,11 @@ def _spread(values: Sequence[float | None]) -> list[float] | None:
     return [round(v, 4) for v in (quantile(known, 0.5), min(known), max(known))]
 
 
-def _groups(cells: Sequence[Cell], names: Sequence[str]) -> dict[tuple[Any, ...], list[Cell]]:
-    found: dict[tuple[Any, ...], list[Cell]] = defaultdict(list)
-    for cell in cells:
-        found[tuple(cell.values[name] for name in names)].append(cell)
-    return dict(sorted(found.items()))
-
-
 def _road(runs: Sequence[Cell]) -> list[Values]:
     names = ("scenario", "per_km", "share", "variant")
     found = []
-    for key, some in _groups(runs, names).items():
+    for key, some in groups(runs, *names).items():
         results = [cell.result for cell in some]
-        ended: Counter[str] = Counter()
-        outcome: Counter[str] = Counter()
-        for result in results:
-            ended.update(result["ended"])
-            outcome.update(result["outcome"])
         found.append(
             dict(zip(names, key, strict=True))
             | {"seeds": len(some), "vehicles": results[0]["vehicles"]}
@@ -94,8 +92,8 @@ def _road(runs: Sequence[Cell]) -> list[Values]:
                 for name in ("requested", "agreed", "completed")
             }
             | {
-                "ended": dict(sorted(ended.items())),
-                "outcome": dict(outcome),
+                "ended": added(r["ended"] for r in results),
+                "outcome": added(r["outcome"] for r in results),
                 "most_receivers": max((r["receivers"]["most"] or 0 for r in results), default=0),
                 "at_limit": sum(r["receivers"]["at_limit"] for r in results),
             }
@@ -107,11 +105,10 @@ def _paired(runs: Sequence[Cell]) -> list[Values]:
     """The travel time with stations beside that of the same road users without, in per cent."""
     found = []
     place = ("scenario", "per_km", "seed", "metres", "seconds")
-    alike = _groups(runs, ("variant", "share", *place))
+    alike = groups(runs, "variant", "share", *place)
     stations = chosen(runs, variant="stations")
-    for (scenario, per_km, share), some in _groups(
-        stations, ("scenario", "per_km", "share")
-    ).items():
+    alone = groups(stations, "scenario", "per_km", "share")
+    for (scenario, per_km, share), some in alone.items():
         row: Values = {"scenario": scenario, "per_km": per_km, "share": share, "seeds": len(some)}
         for other in OTHERS:
             differences = []
@@ -166,25 +163,20 @@ def _collisions(runs: Sequence[Cell]) -> Values:
 
 def _hazards(cells: Sequence[Cell]) -> Values:
     lengths = [ms for cell in cells for each in cell.result["hazards"].values() for ms in each]
-    excuses: Counter[str] = Counter()
-    for cell in cells:
-        excuses.update({excuse: len(each) for excuse, each in cell.result["hazards"].items()})
+    by_excuse = [{e: len(ms) for e, ms in c.result["hazards"].items()} for c in cells]
     bounds = {cell.result["bound_ms"] for cell in cells if cell.result["bound_ms"] is not None}
     return {
         "number": len(lengths),
         "longest_ms": max(lengths, default=0),
         "bound_ms": min(bounds, default=None),
-        "excuses": dict(sorted(excuses.items())),
+        "excuses": added(by_excuse),
         "wrong": [{"cell": cell.values} | each for cell in cells for each in cell.result["wrong"]],
     }
 
 
 def _all_ask(crowds: Sequence[Cell]) -> list[Values]:
     found = []
-    for (spread_ms, stations), some in _groups(crowds, ("spread_ms", "stations")).items():
-        ended: Counter[str] = Counter()
-        for cell in some:
-            ended.update(cell.result["ended"])
+    for (spread_ms, stations), some in groups(crowds, "spread_ms", "stations").items():
         agreed = sum(cell.result["agreed"] for cell in some)
         known = [c.result["median_ms"] for c in some if c.result["median_ms"] is not None]
         found.append(
@@ -199,108 +191,90 @@ def _all_ask(crowds: Sequence[Cell]) -> list[Values]:
                 "agreed": agreed,
                 "agreed_s": round(agreed / len(some) / (some[0].values["run_ms"] / 1000), 3),
                 "median_ms": round(mean(known)) if known else None,
-                "ended": dict(sorted(ended.items())),
+                "ended": added(cell.result["ended"] for cell in some),
             }
         )
     return found
 
 
-# -- claims
+ASKED_DENSITIES = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
+ASKED_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+ASKED_SEEDS = 20
+ASKED = "lane-change-4"
+"""The grid that the profile ``standard`` runs."""
 
 
-def claims(report: Values) -> list[Claim]:
-    """Further claims; the paper has no traffic."""
+def coverage(road: Sequence[Values]) -> Values:
+    """Which part of the grid of ``standard`` was run: seeds by density and penetration."""
+    ran = {
+        (row["per_km"], row["share"]): row["seeds"]
+        for row in road
+        if row["scenario"] == ASKED and row["variant"] == "stations"
+    }
+    seeds = [[ran.get((per_km, share), 0) for share in ASKED_SHARES] for per_km in ASKED_DENSITIES]
+    return {
+        "shares": ASKED_SHARES,
+        "rows": [
+            {"per_km": per_km, "seeds": row}
+            for per_km, row in zip(ASKED_DENSITIES, seeds, strict=True)
+        ],
+        "asked": len(ASKED_DENSITIES) * len(ASKED_SHARES) * ASKED_SEEDS,
+        "ran": sum(min(number, ASKED_SEEDS) for row in seeds for number in row),
+    }
+
+
+def ended(road: Sequence[Values]) -> dict[str, int]:
+    """How many sessions ended for each reason, in all runs with stations."""
+    return added(row["ended"] for row in road if row["variant"] == "stations")
+
+
+def indifferent(cells: Sequence[Values]) -> list[str]:
+    """The scenarios in which SUMO's cooperation (lcCooperative) changed nothing in any run."""
+    alone: dict[str, dict[tuple[str, float, int], Values]] = {name: {} for name in ALONE}
+    for cell in cells:
+        v = cell["values"]
+        if v.get("variant") in ALONE:
+            alone[v["variant"]][v["scenario"], v["per_km"], v["seed"]] = cell["result"]
+    none, cooperative = (alone[name] for name in ALONE)
+    both = none.keys() & cooperative.keys()
+    differ = {key[0] for key in both if none[key] != cooperative[key]}
+    return sorted({key[0] for key in both} - differ)
+
+
+def spread(value: Sequence[float] | None, digits: int = 1) -> str:
+    """Median, and in brackets least and greatest."""
+    if value is None:
+        return "-"
+    middle, low, high = (f"{each:.{digits}f}" for each in value)
+    return middle if low == high else f"{middle} ({low} to {high})"
+
+
+def signed(value: Sequence[float] | None) -> str:
+    """As ``spread``, in per cent with a sign."""
+    if value is None:
+        return "-"
+    middle, low, high = (f"{each:+.1f}" for each in value)
+    return f"{middle}%" if low == high else f"{middle}% ({low} to {high})"
+
+
+def names(report: Values) -> Values:
+    """What the page and the claims use; ``gains``: paired travel times, beside each variant."""
     s = report["summary"]
-    found = [_limit(s), *_at_once(s)]
-    if s["road"]:
-        found = [_travel(s), _no_collision(s), _no_nearer(s), *found]
-    return [*found, _bound(s)]
-
-
-def _travel(s: Values) -> Claim:
-    def of(other: str) -> list[float]:
-        return [row[other][0] for row in s["paired"] if row[other] is not None]
-
-    against = {other: of(other) for other in OTHERS}
-    here = "; ".join(
-        f"{name} {min(values):+.1f} to {max(values):+.1f}% (medians by density and share)"
-        for name, values in (
-            ("beside the same vehicles whose messages get lost", against["silent"]),
-            ("beside SUMO's drivers", against["cooperative"]),
-        )
-        if values
-    )
-    every = [value for values in against.values() for value in values]
-    return beyond(
-        "with stations, traffic needs less time",
-        f"time for a km: {here}",
-        bool(every) and max(every) < 0,
-        "vehicles with stations change lanes at drawn times, not to be faster; one that makes room "
-        "slows down",
-    )
-
-
-def _no_collision(s: Values) -> Claim:
-    here = s["collisions"]["stations"]
-    return beyond(
-        "no vehicles with stations collide, and no maneuver causes a collision",
-        f"{here['between_equipped']} between equipped vehicles and {here['by_maneuver']} by a "
-        f"maneuver in {here['runs']} runs; {here['all']} in all",
-        not (here["between_equipped"] or here["by_maneuver"]),
-    )
-
-
-def _no_nearer(s: Values) -> Claim:
-    stations, silent = s["near"]["stations"], s["near"]["silent"]
-
-    def of(name: str, n: Values) -> str:
-        least = "" if n["least_ttc_s"] is None else f", least {n['least_ttc_s']:.1f} s"
-        return f"{name}: {n['critical_runs']} of {n['runs']} runs{least}"
-
-    here = f"{of('with stations', stations)}; {of('same vehicles, messages lost', silent)}"
-    return beyond(
-        "agreements bring nobody nearer to a collision",
-        f"time to collision below {TTC_S} s: {here}",
-        stations["critical_runs"] <= silent["critical_runs"],
-        "without agreements these vehicles stay in their lanes",
-    )
-
-
-def _limit(s: Values) -> Claim:
-    limit = Parameters().max_participants
-    over = [row for row in s["answers"] if row["joined"] > limit and not row["early"]]
-    under = [row for row in s["answers"] if row["joined"] <= limit and not row["early"]]
-    worst = max((row["free_ms"] or 0 for row in over), default=0)
-    usual = max((row["free_ms"] or 0 for row in under), default=0)
-    return beyond(
-        f"receivers beyond the {limit} that a prescriber records are free as soon as the others",
-        f"bound up to {worst / 1000:.1f} s, the others {usual / 1000:.1f} s",
-        worst <= usual,
-        "no Ack answers them (MEM-1), so that they wait for the hold timer (ADV-7)",
-    )
-
-
-def _at_once(s: Values) -> list[Claim]:
-    rows = [row for row in s["all_ask"] if row["spread_ms"] == 0]
-    if not rows:
-        return []
-    here = ", ".join(f"{row['first']} of {row['of']} ({row['stations']})" for row in rows)
-    later = ", ".join(f"{row['agreed']} of {row['of']}" for row in rows)
-    return [
-        beyond(
-            "stations that ask at the same moment agree in their first session",
-            f"{here} first sessions by number of stations; after retries, at the end of "
-            f"{rows[0]['run_ms'] / 1000:g} s: {later}",
-            all(row["first"] == row["of"] for row in rows),
-            "a bound station ignores every Advertisement (ADV-4)",
-        )
-    ]
-
-
-def _bound(s: Values) -> Claim:
-    h = s["hazards"]
-    return beyond(
-        "every hazard in traffic is within B (T-2) and excused (S-5)",
-        f"hazards: {h['number']}, the longest of {h['longest_ms']} ms; B = {h['bound_ms']} ms",
-        not h["wrong"],
-    )
+    gains = {n: [row[n][0] for row in s["paired"] if row[n] is not None] for n in OTHERS}
+    return {
+        "gains": gains,
+        "all_gains": [value for values in gains.values() for value in values],
+        "variants": VARIANTS,
+        "coverage": coverage(s["road"]),
+        "indifferent": indifferent(report["cells"]),
+        "spread": spread,
+        "signed": signed,
+        "ended": ended(s["road"]),
+        "hardest": HARDEST,
+        "over_s": OVER_STEPS * STEP_MS / 1000,
+        "ttc_s": TTC_S,
+        "per_km": PER_KM,
+        "limit": Parameters().max_participants,
+        "window_s": Parameters().t_advertise / 1000,
+        "hold_s": Parameters().t_hold / 1000,
+    }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from automcm_spec.support import files
 
@@ -27,6 +28,19 @@ def plots(rows: int = 1, columns: int = 1, *, height: float = 4.5) -> tuple[Figu
     for plot in axes:
         plot.grid(alpha=0.3)
     return figure, axes
+
+
+def legend(figure: Figure, plot: Axes, columns: int) -> None:
+    """The legend of one plot, above all."""
+    figure.legend(*plot.get_legend_handles_labels(), loc="outside upper center", ncols=columns)
+
+
+def shares(plot: Axes, x: str, rows: Sequence[dict[str, Any]], **style: Any) -> None:
+    """The ``share`` of each row in per cent, with its interval from ``low`` to ``high``."""
+    low = [100 * (row["share"] - row["low"]) for row in rows]
+    high = [100 * (row["high"] - row["share"]) for row in rows]
+    at = [100 * row["share"] for row in rows]
+    plot.errorbar([row[x] for row in rows], at, [low, high], fmt=".", **style)
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import sys
 from typing import Any
 
@@ -10,33 +9,14 @@ import pytest
 
 from automcm.applications.lane_change import LaneChange
 from automcm.applications.vehicle import Late
-from automcm_evaluation.arrival import arrival, arrival_claims, sumo
-from automcm_evaluation.framework.experiment import Cell, ExperimentError
-from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.arrival import arrival, arrival_tables, sumo
+from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_simulation.road.drive import FourVehicles
 
 Json = Any
-SMALL: Json = {
-    "trials": 2,
-    "draws": 1,
-    "notices": [],
-    "brakes": [3.0],
-    "restarts_s": [1.5],
-    "restart_gaps": [20.0, 45.0],
-    "accelerations": [2.5],
-}
 USUAL: Json = arrival.Arrival().model_dump(mode="json")
 PLACES: Json = {name: USUAL[name] for name in arrival.PLACES}
-MODEL: Json = {name: USUAL[name] for name in (*arrival.MODEL, "acceleration")}
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Json:
-    """The report of a very small sweep."""
-    made = arrival.EXPERIMENT
-    about = sweep.header(made, "quick", 1, made.set("quick", SMALL))
-    folder = tmp_path_factory.mktemp("arrival")
-    return report.assemble(made, about, sweep.sweep(made, about, folder, workers=1))
+MODEL: Json = {name: USUAL[name] for name in arrival.MODEL}
 
 
 def values(part: str, **more: Json) -> Json:
@@ -91,7 +71,7 @@ def test_the_driver_is_the_same_with_and_without(monkeypatch: pytest.MonkeyPatch
         arrival.drive(values("trials"), (6.0, 50.0), MODEL, coordinated=coordinated, seed=3)
     (_, with_), (_, without) = ([d.vehicle for d in drive.drivers] for drive in made)
     assert (with_.late, with_.driving) == (without.late, without.driving)
-    assert with_.late == Late(**{name: MODEL[name] for name in arrival.MODEL})
+    assert with_.late == Late(**{n: MODEL[n] for n in MODEL if n != "acceleration"})
 
 
 def test_with_the_calibrated_baseline_the_paper_s_gains_come_out() -> None:
@@ -100,7 +80,7 @@ def test_with_the_calibrated_baseline_the_paper_s_gains_come_out() -> None:
     cells = [cell for cell in arrival.cells(settings) if cell.get("name") == "notice"]
     assert len(cells) == 2
     for cell in cells:
-        gain, _ = arrival_claims.PAPER[cell["speed_kmh"]]
+        gain, _ = arrival_tables.PAPER[cell["speed_kmh"]]
         assert arrival.run(cell, 1)["gain_s"] == [pytest.approx(gain, abs=0.5)]
 
 
@@ -143,173 +123,14 @@ def test_who_never_arrives_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         arrival.drive(values("trials"), (6.0, 50.0), MODEL, coordinated=False)
 
 
-def test_a_summary_by_hand() -> None:
-    """Two trials; gains of 4 and 6 s, so a standard error of 1 s."""
-    of = {name: [1.0, 2.0] for name in ("stood_s", "slowest", "hardest", "after")}
-    with_ = of | {"arrival_s": [28.0, 29.5], "completed": [1, 0]}
-    without = of | {"arrival_s": [32.0, 35.5], "completed": [0, 0]}
-    result = {"signal_m": [40.0, 60.0], "beside_m": [5, 6], "with": with_, "without": without}
-    grid = {"restart_gaps": [45.0], "restarts_s": [1.5], "brake": 3.0}
-    cells = [
-        Cell(values(part, **more) | {"speed_kmh": speed_kmh}, outcome)
-        for speed_kmh in arrival_claims.SPEEDS_KMH
-        for part, more, outcome in (("trials", {}, result), ("grid", grid, {"gain_s": [[5.0]]}))
-    ]
-    found = arrival_claims.summary(cells)
-    here = found["speeds"]["30"]
-    assert (here["trials"], here["timed_m"], here["gain_s"]) == (2, 210, 5)
-    assert (here["low_s"], here["high_s"]) == pytest.approx((5 - 1.96, 5 + 1.96), abs=1e-3)
-    assert here["reduction"] == pytest.approx(5 / 33.75, abs=1e-6)
-    assert here["ratio"] == pytest.approx(5 / 28.75, abs=1e-6)
-    assert here["with"]["lost_s"] == pytest.approx(28.75 - 210 * 3.6 / 30, abs=1e-6)
-    assert here["with"]["completed"] == 1 and here["with"]["stopped"] == 2
-    assert found["by_29_s"] == {"with": 1, "without": 0, "trials": 2}
-    assert found["tried"]["fit"] == 0 and found["tried"]["baselines"] == 1
-    assert here["range_s"] == [here["low_s"], here["high_s"]]
-
-
-def test_no_interval_is_narrower_than_what_the_choice_of_baseline_does(small: Json) -> None:
-    """Of gains at 30 and 50 km/h, the first two fit the paper."""
-    gains = {"30": [4.6, 5.4, 9.0, 4.6], "50": [6.6, 7.4, 7.0, 9.0]}
-    cells = [Cell(c["values"], c["result"]) for c in copy.deepcopy(small["cells"])]
-    for cell in cells:
-        if cell.values["part"] == "grid":
-            cell.values["restarts_s"] = [10.0, 11.0, 12.0, 13.0]
-            cell.values["restart_gaps"] = [45.0]
-            cell.result["gain_s"] = [gains[str(cell.values["speed_kmh"])]]
-    found = arrival_claims.summary([cell for cell in cells if cell.values["part"] != "one"])
-    for kmh, (low, high) in (("30", (4.6, 5.4)), ("50", (6.6, 7.4))):
-        here = found["speeds"][kmh]
-        assert here["range_s"] == [min(low, here["low_s"]), max(high, here["high_s"])]
-        assert here["range_s"][0] <= low < high <= here["range_s"][1]
-
-
 def test_the_ways_of_the_two_readings_by_hand() -> None:
     """5 s are 15 % of 33.3 s, or 15 % of 33.3 s more than that."""
-    found = arrival_claims.ways(30, 0.0)
+    found = arrival_tables.ways(30, 0.0)
     assert found["reduction"][0] == pytest.approx((100 / 3 - 5) / 3.6 * 30, abs=1e-3)
     assert found["ratio"][0] == pytest.approx(100 / 3 / 3.6 * 30, abs=1e-3)
-    shorter = arrival_claims.ways(30, 2.4)
+    shorter = arrival_tables.ways(30, 2.4)
     for reading, (way, low, high) in found.items():
         assert low < way < high and way - shorter[reading][0] == pytest.approx(20)
-
-
-# -- claims: each verdict can come out
-
-
-def test_seconds_are_reproduced_only_where_no_baseline_was_fitted(small: Json) -> None:
-    found = copy.deepcopy(small["summary"])
-    found["speeds"]["30"] |= {"gain_s": 5.2, "range_s": [5.1, 5.3]}
-    found["tried"] |= {"least_s": {"30": 1.0}, "greatest_s": {"30": 9.0}}
-
-    def claim() -> tuple[str, str]:
-        made = arrival_claims.gain_claim(found, 30)
-        return made.verdict, made.why.split(";")[0]
-
-    assert claim() == ("in shape only", "the baseline is fitted to it")
-    found["tried"] |= {"least_s": {"30": 4.6}, "greatest_s": {"30": 5.4}}
-    assert claim()[0] == "reproduced"
-    found["speeds"]["30"] |= {"gain_s": 4.4, "range_s": [4.3, 4.5]}
-    assert claim() == ("in shape only", "the fitted baseline misses it")
-    found["speeds"]["30"] |= {"gain_s": 0.1, "range_s": [-0.1, 0.3]}
-    assert claim()[0] == "not reproduced"
-
-
-def test_the_order_is_reproduced_only_where_all_baselines_have_it(small: Json) -> None:
-    found = copy.deepcopy(small["summary"])
-    found["speeds"]["30"] |= {"gain_s": 5.0, "range_s": [4.6, 5.1]}
-    found["speeds"]["50"] |= {"gain_s": 7.0, "range_s": [6.9, 7.1]}
-    for grows, verdict in ((9, "reproduced"), (8, "in shape only")):
-        found["tried"] |= {"grows": grows, "baselines": 9}
-        assert arrival_claims.order_claim(found).verdict == verdict
-    found["speeds"]["50"]["range_s"] = [5.05, 7.1]
-    assert arrival_claims.order_claim(found).verdict == "not reproduced"
-
-
-def test_the_way_is_reproduced_only_if_one_reading_gives_it_at_both_speeds(small: Json) -> None:
-    def verdict(*ranges: tuple[float, float]) -> str:
-        found = copy.deepcopy(small["summary"])
-        names = [(kmh, reading) for reading in ("reduction", "ratio") for kmh in ("30", "50")]
-        for (kmh, reading), (low, high) in zip(names, ranges, strict=True):
-            found["ways"][kmh][reading] = [(low + high) / 2, low, high]
-        return arrival_claims.way_claim(found, 260.0).verdict
-
-    assert verdict((180, 240), (190, 230), (250, 270), (240, 280)) == "reproduced"
-    assert verdict((250, 270), (255, 280), (0, 1), (2, 3)) == "reproduced"
-    assert verdict((250, 270), (255, 280), (0, 3), (2, 4)) == "reproduced"
-    assert verdict((180, 240), (190, 230), (250, 270), (280, 290)) == "in shape only"
-    assert verdict((180, 190), (200, 230), (250, 270), (280, 290)) == "not reproduced"
-
-
-def test_braking_is_reproduced_if_it_is_little_with_and_a_stop_without(small: Json) -> None:
-    def verdict(with_: float, without: float, stopped: int) -> str:
-        found = copy.deepcopy(small["summary"])
-        for here in found["speeds"].values():
-            here["with"]["after"] = with_
-            here["without"] |= {"after": without, "stopped": stopped}
-        return arrival_claims.braking_claim(found).verdict
-
-    assert verdict(0.4, 8.0, 2) == "reproduced"
-    assert verdict(0.4, 8.0, 1) == verdict(0.6, 8.0, 2) == "in shape only"
-    assert verdict(8.0, 8.0, 2) == "not reproduced"
-
-
-def test_all_baselines_are_counted_once(small: Json) -> None:
-    """Two of the grid, of which the parameters one at a time have one, and another."""
-    tried = small["summary"]["tried"]
-    assert tried["baselines"] == 3 and tried["best"]["restart_gap"] == 45
-    assert tried["fit"] == 1
-    assert tried["least_s"]["30"] < 3.5 < tried["greatest_s"]["30"] < 6
-
-
-# -- the page
-
-
-def test_the_page_has_the_figures_of_the_report(small: Json) -> None:
-    text = report.page(small)
-    for kmh, here in small["summary"]["speeds"].items():
-        low, high = here["range_s"]
-        assert f"{here['gain_s']:.2f} s, {low:.2f} to {high:.2f} s over the 1 baselines" in text
-        assert f"| {kmh} km/h | {here['gain_s']:.2f} | {low:.2f} to {high:.2f} | " in text
-        for which in ("with", "without"):
-            assert f"| {kmh} km/h, {which} | {here[which]['mean_s']:.2f} |" in text
-    assert "Not run: it needs `automcm[sumo]`" in text and "| not run |" in text
-    assert "2 of 2 (34% to 100%)" in text
-
-
-def test_the_page_has_sumo_s_figures_where_they_are(small: Json) -> None:
-    found = copy.deepcopy(small)
-    of = {"slowest": 2.0, "hardest": 9.0, "collisions": 0}
-    arrivals = {"cooperative": 20.5, "forced": 20.25, "prescribed": 21.0}
-    for kmh in ("30", "50"):
-        found["summary"]["sumo"][kmh] = {
-            how: of | {"arrival_s": arrival_s, "lost_s": arrival_s - 18}
-            for how, arrival_s in arrivals.items()
-        }
-    text = arrival.EXPERIMENT.page(found)
-    assert "| 30 km/h, cooperative | 20.50 | 2.50 | 2.0 | 9.0 | 0 | -0.50 |" in text
-    assert "| 50 km/h, forced | 20.25 | 2.25 | 2.0 | 9.0 | 0 | -0.75 |" in text
-    ours = found["summary"]["speeds"]
-    for which, theirs in (("with", 3.0), ("without", 2.25)):
-        lost = ours["30"][which]["lost_s"], ours["50"][which]["lost_s"]
-        assert f"{theirs:.1f} s in SUMO, {lost[0]:.1f} s here; {theirs:.1f} s in SUMO, " in text
-        assert f" s in SUMO, {lost[1]:.1f} s here. " in text
-    claim = arrival_claims.sumo_claim(found["summary"])
-    assert claim.here == "-0.75 s at 30 km/h, -0.75 s at 50 km/h"
-    assert "never stops: slowest 2.0 m/s" in claim.why
-    found["summary"]["sumo"]["30"]["forced"]["slowest"] = 0.0
-    assert "follower stops" in arrival_claims.sumo_claim(found["summary"]).why
-
-
-def test_the_figures_are_drawn(small: Json) -> None:
-    pytest.importorskip("matplotlib", reason="extra automcm[plot]: no figures here")
-    drawn = dict(arrival.EXPERIMENT.figures(small))
-    assert [plot.get_title() for plot in drawn["arrival"].axes] == [
-        f"({letter}) {kmh} km/h: {small['summary']['speeds'][kmh]['gain_s']:.2f} s earlier"
-        for letter, kmh in (("a", "30"), ("b", "50"))
-    ]
-    shown = {text.get_text() for text in drawn["baseline"].axes[1].texts}
-    assert shown == {f"{p['gain_s']:.1f}" for p in small["summary"]["grid"]["50"]}
 
 
 # -- SUMO

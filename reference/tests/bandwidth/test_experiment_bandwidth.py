@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from itertools import pairwise
-from typing import Any
-
 import pytest
 from automcm_stage import prescription
 
@@ -13,7 +9,6 @@ from automcm.encoding.codec import JSON, CodecError, codec
 from automcm_evaluation.bandwidth import bandwidth, bandwidth_air
 from automcm_evaluation.bandwidth.bandwidth_air import (
     BIN_MS,
-    FORMS,
     Air,
     Recorded,
     Sent,
@@ -27,18 +22,7 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
     record,
     session,
 )
-from automcm_evaluation.bandwidth.bandwidth_claims import claims
-from automcm_evaluation.bandwidth.bandwidth_summary import (
-    CERTIFICATE,
-    CHANNEL_BIT_S,
-    DIGEST,
-    HEADERS,
-    RIVALS,
-    drive,
-)
-from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
-from automcm_evaluation.sweeps import report
-from automcm_evaluation.sweeps.sweep import run_cell
+from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.messages import (
     Ack,
@@ -52,31 +36,11 @@ from automcm_spec.vocabulary.messages import (
 from automcm_spec.vocabulary.parameters import Parameters
 
 EXPERIMENT = bandwidth.EXPERIMENT
-ABOUT = {"experiment": "bandwidth", "profile": "quick", "seed": 1, "version": "0", "code": "0"}
 
 
 @pytest.fixture(scope="module")
 def four() -> Recorded:
     return record(3, [1], seed=3)
-
-
-SMALL = {"trials": 1, "vehicles": [2], "maneuvers": 1}
-
-
-@pytest.fixture(scope="module")
-def cells() -> list[Cell]:
-    """Of a small sweep."""
-    wanted = EXPERIMENT.cells(EXPERIMENT.set("quick", SMALL))
-    for values in wanted:
-        values |= {"trials": 1} if "trials" in values else {}
-    return [Cell(values, run_cell("bandwidth", values, 1)) for values in wanted]
-
-
-@pytest.fixture
-def made(cells: list[Cell]) -> Values:
-    settings = EXPERIMENT.set("quick", SMALL)
-    about = ABOUT | {"settings": settings.model_dump(mode="json")}
-    return report.assemble(EXPERIMENT, about, copy.deepcopy(cells))
 
 
 # -- how it is counted
@@ -229,13 +193,7 @@ def test_without_the_extra_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         bandwidth.run({"part": "sizes"}, 1)
 
 
-# -- the sweep and what is made of it
-
-
-def test_a_cell_run_again_gives_the_same(cells: list[Cell]) -> None:
-    lossy = next(c for c in cells if c.values.get("loss") and c.values["vehicles"] == 2)
-    assert run_cell("bandwidth", lossy.values, 1) == lossy.result
-    assert run_cell("bandwidth", lossy.values, 2) != lossy.result
+# -- the sweep
 
 
 def test_blocks_hold_all_trials() -> None:
@@ -244,138 +202,3 @@ def test_blocks_hold_all_trials() -> None:
     assert [c["trials"] for c in lossy] == [5, 5, 2]
     many = [(c["vehicles"], c["participants"]) for c in made if c["part"] == "many"]
     assert many == [(33, 32), (34, 32), (34, 33)]
-
-
-def test_the_summary_adds_up(made: Values) -> None:
-    s = made["summary"]
-    two = drive(s, 2)
-    for name in ("json", "uper"):
-        assert two["event"]["sent"][name] == sum(two["bytes"][name].values())
-        saving = two["saving"]["sent"][name]
-        assert saving["factor"] == pytest.approx(
-            two["always"]["sent"][name] / two["event"]["sent"][name], abs=0.005
-        )
-        messages = two["count"].values()
-        assert two["signatures"] >= DIGEST * sum(messages)
-        event, always = two["event"]["sent"][name], two["always"]["sent"][name]
-        vehicle_s = 2 * two["s"]
-        for rate, plain, signed in ((10, "factor", "signed"), (1, "rare", "rare_signed")):
-            rival = always * rate / 10
-            assert saving[plain] == pytest.approx(rival / event, abs=0.005)
-            rival += vehicle_s * (CERTIFICATE + (rate - 1) * DIGEST)
-            assert saving[signed] == pytest.approx(rival / (event + two["signatures"]), abs=0.005)
-        # At the break-even both send as much in a minute.
-        minute = saving["break_even_per_min"] * two["event"]["sent"][name]
-        assert minute == pytest.approx(60 * two["always"]["sent"][name] / two["s"], rel=0.002)
-        (many,) = s["many"]
-        rate, share = many["bytes_s"][name], many["channel"][name]
-        bits = 8 * (rate["cams"] + 20 * sum(HEADERS.values()))
-        assert share["cams"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
-        assert rate["cams"] == pytest.approx(20 * two["cam_size"][name], rel=0.01)
-        assert rate["maneuver"] - rate["cams"] == pytest.approx(
-            many["event"][name] / many["s"], abs=0.2
-        )
-        frames = 20 + many["messages"] / many["s"]
-        bits = 8 * (rate["maneuver"] + frames * sum(HEADERS.values()))
-        assert share["maneuver"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
-        bits = 8 * (rate["always"] + 40 * sum(HEADERS.values()))
-        assert share["always"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
-        assert share["always"] > share["busiest"] > share["maneuver"] > share["minute"]
-    assert sum(HEADERS.values()) == 82
-
-
-def verdicts(s: Values) -> list[str]:
-    return [claim.verdict for claim in claims({"summary": s})]
-
-
-@pytest.mark.parametrize(
-    ("changes", "which", "verdict"),
-    [
-        ({"ratios": 12.0, "etsi": 12.0}, 0, "reproduced"),
-        ({"ratios": 12.0, "etsi": 7.0}, 0, "in shape only"),
-        ({"ratios": 9.0, "etsi": 12.0}, 0, "in shape only"),
-        ({"ratios": 2.0, "etsi": 12.0}, 0, "not reproduced"),
-        ({"four": {"count": {"Intention": 3}}}, 1, "reproduced"),
-        ({"four": {"count": {"Intention": 4}}}, 1, "in shape only"),
-        ({"four": {"bytes": {"Intention": 2.5}}}, 1, "in shape only"),
-        ({"four": {"count": {"Intention": 1}, "bytes": {"Intention": 1}}}, 1, "not reproduced"),
-        ({}, 2, "reproduced"),
-        ({"four": {"bytes": {"Fin": 1.2}}}, 2, "in shape only"),
-        ({"four": {"count": {"Fin": 2}}}, 2, "not reproduced"),
-        ({"two": {"count": {"Fin": 0}}}, 2, "not reproduced"),
-        ({}, 3, "reproduced"),
-        ({"cancelled": [3]}, 3, "in shape only"),
-        ({"cancelled": []}, 3, "not reproduced"),
-        ({}, 4, "reproduced"),
-        ({"factors": [1.5, 0.9]}, 4, "in shape only"),
-        *(({"rivals": {rival: 0.9}}, 4, "in shape only") for rival in RIVALS),
-        ({"factors": [0.8, 0.9]}, 4, "not reproduced"),
-    ],
-)
-def test_each_verdict_is_from_the_figures(
-    made: Values, changes: dict[str, Any], which: int, verdict: str
-) -> None:
-    """``bytes`` are times those of two vehicles."""
-    s = made["summary"]
-    for ratios in s["ratios"].values():
-        ratios |= {kind: changes.get("ratios", ratio) for kind, ratio in ratios.items()}
-    s["etsi"]["ratio"] = changes.get("etsi", s["etsi"]["ratio"])
-    found = {d["vehicles"]: d for d in s["drives"] if d["loss"] == 0}
-    for n, name in ((2, "two"), (4, "four")):
-        change = changes.get(name, {})
-        found[n]["count"] |= change.get("count", {})
-        for codec_name, amounts in found[n]["bytes"].items():
-            for kind, times in change.get("bytes", {}).items():
-                amounts[kind] = times * found[2]["bytes"][codec_name][kind]
-    if "cancelled" in changes:
-        found[4]["cancelled"] = changes["cancelled"]
-    for n, factor in zip((2, 4), changes.get("factors", (1.5, 1.5)), strict=True):
-        for form in FORMS:
-            for saving in found[n]["saving"][form].values():
-                saving |= dict.fromkeys(RIVALS, factor) | changes.get("rivals", {})
-    assert verdicts(s)[which] == verdict
-
-
-def test_a_crowd_is_told_only_if_there_is_one(made: Values) -> None:
-    s = made["summary"]
-    before = len(claims({"summary": s}))
-    (many,) = s["many"]
-    crowd = [
-        many | {"vehicles": 50, "participants": participants, "intentions": intentions}
-        for participants, intentions in ((32, 389), (49, 49))
-    ]
-    s["many"] += crowd
-    told = claims({"summary": s})
-    assert len(told) == before + 1
-    assert told[-1].here.startswith("389 Intentions are sent instead of 49")
-
-
-def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
-    text = report.page(made)
-    s = made["summary"]
-    for n in (2, 4):
-        for form in FORMS:
-            for saving in drive(s, n)["saving"][form].values():
-                assert f"| {saving['factor']} |" in text
-        for name in ("json", "uper"):
-            assert f"{drive(s, n)['event']['sent'][name]:,.0f}" in text
-    for head, below in pairwise(text.splitlines()):
-        if head.startswith("|") and below.startswith("|"):
-            assert head.count("|") == below.count("|"), below
-    drive(s, 4)["count"]["Intention"] = 77
-    s["sizes"]["Fin"]["uper"] = 8877
-    s["many"][0]["channel"]["json"]["busiest"] = 0.777
-    s["drives"][0]["saving"]["sent"]["uper"]["rare_signed"] = 0.123
-    changed = EXPERIMENT.page(made)
-    assert " | 0.123 | " in changed
-    assert "| Intention | 1 |" in changed and "| 77 |" in changed
-    assert "| 8,877 |" in changed and "| 77.7% |" in changed
-
-
-def test_figures_are_drawn(made: Values) -> None:
-    pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
-    figure = dict(EXPERIMENT.figures(made))["fig7-json"]
-    dashed: Any = figure.axes[1].patches[-1]
-    time = made["summary"]["time"]["4"]["json"]
-    assert dashed.get_data().values[0] * 500 == time["always-on"][0] + time["CAM"][0]
-    assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim(), "comparable"

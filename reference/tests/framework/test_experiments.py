@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,9 @@ from typing import Any
 import pytest
 from pydantic import Field
 
+from automcm_evaluation.framework import experiment
 from automcm_evaluation.framework.experiment import (
     Cell,
-    Claim,
     Experiment,
     ExperimentError,
     Settings,
@@ -24,6 +25,26 @@ from automcm_evaluation.sweeps import catalogue, report, sweep
 
 Json = Any
 EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
+
+
+CLAIMS = """
+[names]
+double = "2 * fair"
+
+[[claim]]
+claim = "dice | fall"
+paper = "{{ double|fmt('g') }}"
+here = "{{ s.sum }}"
+full = "s.sum == double"
+shape = "s.sum > 0"
+why = "they are two"
+
+[[claim]]
+each = "settings.sides"
+claim = "{{ it }} sides"
+here = "at most"
+holds = "it < 9"
+"""
 
 
 class Dice(Settings):
@@ -53,10 +74,7 @@ class Thrown:
             cells=lambda s: [{"sides": n, "throws": s.throws} for n in s.sides],
             run=self.run,
             summary=lambda cells: {"sum": sum(sum(c.result["thrown"]) for c in cells)},
-            claims=lambda r: [
-                Claim("dice fall", "7", str(r["summary"]["sum"]), "in shape only", "they are two")
-            ],
-            page=lambda r: f"Sum {r['summary']['sum']}.\n\n![](falls.svg)\n",
+            names=lambda r: {"fair": 3.5},
             figures=_figures,
         )
 
@@ -66,11 +84,17 @@ def _figures(r: Json) -> Iterator[Any]:
 
 
 @pytest.fixture
-def dice(monkeypatch: pytest.MonkeyPatch) -> Thrown:
+def dice(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Thrown:
     thrown = Thrown()
     made = thrown.experiment()
+    pages = tmp_path_factory.mktemp("pages")
+    shutil.copy(experiment.PAGES / "experiment.md.j2", pages)
+    (pages / "dice.md.j2").write_text("Sum {{ s.sum }}.\n\n![](falls.svg)\n")
+    (pages / "dice.claims.toml").write_text(CLAIMS)
     for module in (sweep, report):
         monkeypatch.setattr(module, "experiment", lambda name: made)
+    for module in (experiment, report):
+        monkeypatch.setattr(module, "PAGES", pages)
     return thrown
 
 
@@ -118,11 +142,8 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same(dice: Thrown, tmp_path:
     with pytest.raises(KeyboardInterrupt):
         run(dice, tmp_path / "cut")
     dice.dies_at = 99
-    kept = tmp_path / "cut" / "cells.ndjson"
-    kept.write_bytes(kept.read_bytes() + b'{"values":{"sides":20,"thr')  # killed while it wrote
     assert run(dice, tmp_path / "cut") == whole
     assert dice.ran == [6, 20]
-    assert len(kept.read_text().splitlines()) == 3
     run(dice, tmp_path / "cut")
     assert dice.ran == [6, 20], "nothing is run twice"
     run(dice, tmp_path / "cut", again=True)
@@ -182,27 +203,25 @@ def test_the_code_is_all_that_an_experiment_imports() -> None:
     assert imported - deciding_nothing == {folder.name for folder in sweep.SOURCES}
 
 
-def test_cells_of_another_sweep_are_not_mixed_in(dice: Thrown, tmp_path: Path) -> None:
+def test_a_cell_is_of_its_values_seed_and_code(
+    dice: Thrown, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sweeps share a folder: those of other settings also the cells."""
     run(dice, tmp_path)
-    with pytest.raises(ExperimentError, match=r"another sweep \(seed differ\)"):
-        run(dice, tmp_path, seed=2)
-    with pytest.raises(ExperimentError, match=r"another sweep \(settings differ\)"):
-        run(dice, tmp_path, throws=4)
-    assert len((tmp_path / "cells.ndjson").read_text().splitlines()) == 3, "they are still there"
-
-
-@pytest.mark.parametrize("bad", [b"x\n", b"[]\n", b"{}\n"])
-def test_a_file_that_holds_no_cells_is_named(dice: Thrown, tmp_path: Path, bad: bytes) -> None:
-    (tmp_path / "cells.ndjson").write_bytes(bad)
-    with pytest.raises(ExperimentError, match=r"cells\.ndjson"):
-        run(dice, tmp_path)
-
-
-def test_a_damaged_line_is_named(dice: Thrown, tmp_path: Path) -> None:
+    assert run(dice, tmp_path, sides=[20, 4])["cells"][0] == run(dice, tmp_path)["cells"][1]
+    assert dice.ran == [6, 20, 4]
+    run(dice, tmp_path, seed=2)
+    run(dice, tmp_path, throws=4)
+    monkeypatch.setattr(sweep, "code", lambda: "other")
     run(dice, tmp_path)
-    kept = tmp_path / "cells.ndjson"
+    assert dice.ran == [6, 20, 4, *[6, 20] * 3]
+
+
+def test_a_damaged_cell_is_named(dice: Thrown, tmp_path: Path) -> None:
+    run(dice, tmp_path)
+    kept = next((tmp_path / "cells").iterdir())
     kept.write_bytes(kept.read_bytes().replace(b'"result"', b'"resolt"', 1))
-    with pytest.raises(ExperimentError, match=r"cells\.ndjson:2: not a finished cell"):
+    with pytest.raises(ExperimentError, match=rf"{kept.name}: not a finished cell"):
         run(dice, tmp_path)
 
 
@@ -241,9 +260,11 @@ def test_a_report_is_written_and_read_again(dice: Thrown, tmp_path: Path) -> Non
     sides = (tmp_path / "dice.csv").read_text().splitlines()
     assert sides[0] == "sides,throws,seed" and sides[1].startswith("6,3,")
     text = (tmp_path / "README.md").read_text()
-    assert (
-        f"| dice fall | 7 | {made['summary']['sum']} | **in shape only** | they are two |" in text
-    )
+    found = made["summary"]["sum"]
+    assert f"| dice \\| fall | 7 | {found} | **in shape only** | they are two |" in text
+    assert "| 6 sides | - | at most | **beyond the paper** |  |" in text
+    assert "| 20 sides | - | at most | **not reproduced** |  |" in text
+    assert f"\n\nSum {found}.\n\n![](falls.svg)\n\nGenerated by" in text
     assert "`automcm experiment dice --profile quick --seed 1`" in text
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from dataclasses import replace
 from pathlib import Path
@@ -285,3 +286,35 @@ def test_equal_seeds_give_equal_cells_in_any_order() -> None:
     first = [run_cell("safety", values, 1) for values in picked]
     assert [run_cell("safety", values, 1) for values in reversed(picked)] == first[::-1]
     assert first != [run_cell("safety", values, 2) for values in picked]
+
+
+# -- the tables
+
+
+def test_what_is_worse_without_a_mechanism() -> None:
+    whole = {"drives": 100, "with_hazard": 20, "agreed": 90, "completed": 80, "in_vain": 2}
+    whole |= {"unexcused": 0, "beyond": 0, "stuck": 0}
+    assert safety_tables.shows(dict(whole), whole) == []
+    for changes, text in (
+        ({"unexcused": 1}, "S-5"),
+        ({"beyond": 1}, "T-2"),
+        ({"stuck": 1}, "L-1"),
+        ({"with_hazard": 50}, "more hazards"),
+        ({"agreed": 60}, "fewer agreements"),
+        ({"in_vain": 30}, "takes for failed"),
+    ):
+        (found,) = safety_tables.shows(whole | changes, whole)
+        assert text in found
+    assert safety_tables.shows(whole | {"with_hazard": 25, "agreed": 85}, whole) == []
+
+
+def test_a_fault_class_beyond_its_bound_and_a_run_without_end_are_broken() -> None:
+    path = ROOT / "docs" / "evaluation" / "safety" / "results.json"
+    cells = [Cell(**cell) for cell in json.loads(path.read_bytes())["cells"]]
+    for cell in cells:
+        if (cell.values["part"], cell.values.get("fault")) == ("classes", "target aborts"):
+            cell.result["lengths"] = {"abort": [41]}
+    cells[0].result["stuck"] = 2
+    broken = safety_tables.summary(cells)["broken"]
+    assert [text[:10] for text in broken] == ["T-1: 2 run", "T-2: targe"]
+    assert "41 ms, D = 40 ms" in broken[1]

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
-from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.framework.experiment import Cell, ExperimentError
 from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_evaluation.traffic_experiment import traffic_cell
 from automcm_evaluation.traffic_experiment.crowd_sessions import all_ask, answers
 from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
-from automcm_evaluation.traffic_experiment.traffic_page import coverage, indifferent
-from automcm_evaluation.traffic_experiment.traffic_tables import claims, summary
+from automcm_evaluation.traffic_experiment.traffic_tables import coverage, indifferent, summary
 from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -28,51 +26,6 @@ SMALL = Scale(
     stations_ms=4000,
     crowds=1,
 )
-
-
-def result(s_per_km: float) -> Values:
-    """A run with this travel time; all else is the same."""
-    return {
-        "vehicles": 15,
-        "equipped": 10,
-        "vehicle_s": 450.0,
-        "s_per_km": s_per_km,
-        "lost": 0.1,
-        "lane_changes": 3,
-        "hard_brakings": 1,
-        "hard_brakings_equipped": 0,
-        "critical_s": 0.0,
-        "least_ttc_s": 3.0,
-        "jerk_equipped": 1.0,
-        "jerk_others": 20.0,
-        "busy": 0.1,
-        "cam_age_ms": {"p50": 50.0, "p95": 100.0, "p99": 110.0},
-        "bytes": 10_000,
-        "sessions": {"requested": 5, "agreed": 2, "completed": 1},
-        "ended": {"abort": 1},
-        "outcome": {},
-        "receivers": {"median": 3.0, "most": 4, "at_limit": 0},
-        "collisions": {"between_equipped": 0, "by_maneuver": 0, "with_pedestrian": 0, "all": 0},
-        "collision_list": [],
-        "hazards": {"abort": [120]},
-        "bound_ms": 1540,
-        "wrong": [],
-    }
-
-
-@pytest.fixture(scope="module")
-def made() -> Json:
-    """A report of few cells; only the crowds are simulated."""
-    one = experiment("traffic")
-    found = []
-    for values in cells(SMALL):
-        if values["part"] == "road":
-            slower = {"none": 0, "cooperative": 0, "silent": 4, "stations": 5}[values["variant"]]
-            measured = result(50.0 * values["seed"] + slower)
-        else:
-            measured = sweep.run_cell("traffic", values, 1)
-        found.append(Cell(values, measured))
-    return report.assemble(one, sweep.header(one, "quick", 1, SMALL), found)
 
 
 def test_the_full_grid_is_the_one_that_the_page_counts() -> None:
@@ -101,92 +54,9 @@ def test_runs_without_stations_are_shared_by_all_penetrations() -> None:
         cells(Scale(blocks=(("circus", 50.0, (1.0,), 1),)))
 
 
-def test_a_scenario_without_effect_of_cooperation_is_named(made: Json) -> None:
-    cells = made["cells"]
-    text = "SUMO's cooperation changed nothing in any run"
-    assert indifferent(cells) == ["lane-change-4"] and text in report.page(made)
-    changed = next(c for c in cells if c["values"].get("variant") == "cooperative")
-    other = changed | {"result": changed["result"] | {"lane_changes": -1}}
-    cells = [other if c is changed else c for c in cells]
-    assert indifferent(cells) == [] and text not in report.page(made | {"cells": cells})
-    none = [c for c in cells if c["values"].get("variant") == "none"]
-    assert indifferent(none) == [], "without a pair nothing is known"
-
-
-def test_travel_times_are_compared_by_seed(made: Json) -> None:
-    row = made["summary"]["paired"][0]
-    assert row["none"] == [7.5, 5.0, 10.0] and row["faster_none"] == 0
-    assert row["silent"] == pytest.approx([1.4, 100 / 104, 100 / 54], abs=0.01)
-    assert made["claims"][0]["verdict"] == "not reproduced"
-    assert "+1.4 to +1.4%" in made["claims"][0]["here"]
-
-
-def test_a_faster_run_is_counted_and_makes_the_claim_hold() -> None:
-    found = [Cell(v, result(50.0)) for v in cells(SMALL) if v["part"] == "road"]
-    for cell in found:
-        if cell.values["variant"] == "stations":
-            cell.result["s_per_km"] = 45.0
-    made = summary(found)
-    assert made["paired"][0]["faster_silent"] == 2
-    held = claims({"summary": made | {"answers": [], "all_ask": [_asked(first=2)]}})
-    assert held[0].verdict == "beyond the paper"
-
-
-def test_runs_that_come_near_a_collision_are_counted_by_variant() -> None:
-    found = [Cell(v, result(50.0)) for v in cells(SMALL) if v["part"] == "road"]
-    of = {
-        name: [c for c in found if c.values["variant"] == name] for name in ("stations", "silent")
-    }
-    for some, ttc in ((of["silent"], 1.4), (of["stations"], 1.5)):
-        some[0].result.update(least_ttc_s=ttc, critical_s=0.2, hard_brakings_equipped=2)
-    some[1].result["least_ttc_s"] = None
-    made = summary(found) | {"answers": [], "all_ask": []}
-    silent, stations = made["near"]["silent"], made["near"]["stations"]
-    assert (silent["critical_runs"], stations["critical_runs"]) == (1, 0), "below 1.5 s"
-    assert (silent["least_ttc_s"], silent["critical_s"], silent["hard_equipped"]) == (1.4, 0.2, 2)
-    assert stations["vehicle_hours"] == round(len(of["stations"]) * 450 / 3600, 1)
-    assert silent["hard_per_100_h"] == round(100 / 450 * 3600, 1), "one in each run"
-    (claim,) = [c for c in claims({"summary": made}) if "nobody nearer" in c.claim]
-    assert claim.verdict == "beyond the paper" and "least 1.4 s" in claim.here
-    made["near"]["stations"]["critical_runs"] = 2
-    (claim,) = [c for c in claims({"summary": made}) if "nobody nearer" in c.claim]
-    assert claim.verdict == "not reproduced"
-
-
-def _asked(first: int) -> Values:
-    row = {"spread_ms": 0, "stations": 2, "of": 2, "first": first, "agreed": 2}
-    return row | {"run_ms": 4000}
-
-
-def test_a_hazard_beyond_the_bound_is_broken(made: Json) -> None:
-    assert made["summary"]["broken"] == []
-    assert made["summary"]["hazards"]["longest_ms"] == 120
-    worse = [Cell(v, result(50.0)) for v in cells(SMALL) if v["part"] == "road"]
-    worse[-1].result["wrong"] = [{"seed": 2, "ms": 1541, "excuse": "abort"}]
-    (text,) = summary(worse)["broken"]
-    assert "1541" in text
-
-
-def test_two_that_ask_at_one_moment_hear_nobody(made: Json) -> None:
-    (row,) = [r for r in made["summary"]["all_ask"] if r["spread_ms"] == 0]
-    assert row["first"] == 0 and row["ended"]["no_participants"] == 2
-    (later,) = [r for r in made["summary"]["all_ask"] if r["spread_ms"]]
-    assert later["of"] == 2
-    assert next(c for c in made["claims"] if "same moment" in c["claim"])["verdict"] == (
-        "not reproduced"
-    )
-
-
 def test_one_after_the_other_they_agree() -> None:
     found = all_ask({"stations": 2, "spread_ms": 6000, "run_ms": 15_000}, 3)
     assert found["first"] == found["agreed"] == 2 and found["wrong"] == []
-
-
-def test_an_early_window_spares_the_wait(made: Json) -> None:
-    late, early = made["summary"]["answers"]
-    assert late["recorded"] == early["recorded"] == late["joined"] == 2
-    assert late["chose_ms"] == Parameters().t_advertise > 10 * early["chose_ms"]
-    assert late["free_ms"] < late["agreed_ms"] + 100
 
 
 @pytest.mark.slow
@@ -223,17 +93,34 @@ def test_without_sumo_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
         traffic_cell.run(values, 1)
 
 
-def test_the_page_has_every_part(made: Json) -> None:
-    text = report.page(made)
-    for part in (
-        "| 50 | 0 | 0 | 0 | 0 | 2 |",
-        "| lane-change-4 | 50 | 50% | 2 | +1.4% (+1.0 to +1.9) | 0 | +7.5%",
-        "There was none in any run.",
-        "| 2 | fixed | 2 | 2.100 s |",
-        "| 2 | at one moment | 1 |",
-        "12 hazards (12 abort)",
-    ):
-        assert part in text, part
-    assert "None" not in text and "nan" not in text
-    alone = dict(made, summary=dict(made["summary"], road=[]))
-    assert "--set sumo=true" in report.page(alone)
+def test_two_that_ask_at_one_moment_hear_nobody() -> None:
+    found = all_ask({"stations": 2, "spread_ms": 0, "run_ms": 4000}, 1)
+    assert found["first"] == 0 and found["ended"]["no_participants"] == 2
+
+
+def test_an_early_window_spares_the_wait() -> None:
+    values = {"receivers": 2, "run_ms": 4000}
+    late, early = (answers(values | {"early": each}, 1) for each in (False, True))
+    assert late["recorded"] == early["recorded"] == late["joined"] == 2
+    assert late["chose_ms"] == Parameters().t_advertise > 10 * early["chose_ms"]
+    assert late["free_ms"] < late["agreed_ms"] + 100
+
+
+def test_a_scenario_without_effect_of_cooperation_is_named() -> None:
+    where = {"scenario": "merge", "per_km": 50.0, "seed": 1}
+    none, other = (
+        {"values": where | {"variant": variant}, "result": {"lane_changes": 1}}
+        for variant in traffic_cell.ALONE
+    )
+    assert indifferent([none, other]) == ["merge"]
+    assert indifferent([none, other | {"result": {"lane_changes": 2}}]) == []
+    assert indifferent([none]) == [], "without a pair nothing is known"
+
+
+def test_a_hazard_beyond_the_bound_is_broken() -> None:
+    hazards = {"hazards": {}, "ended": {}, "agreed": 0, "requested": 0, "first": 0}
+    hazards |= {"median_ms": None, "bound_ms": 1540}
+    wrong = [{"seed": 2, "ms": 1541, "excuse": "abort"}]
+    values = {"part": "all ask", "stations": 2, "spread_ms": 0, "run_ms": 1000}
+    (text,) = summary([Cell(values, hazards | {"wrong": wrong})])["broken"]
+    assert "1541" in text

@@ -1,71 +1,26 @@
-"""The page of ``comfort`` and its figures, made only from the report."""
+"""The figures of ``comfort``, made only from the report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm.applications.lane_change import Plan
-from automcm.applications.vehicle import Driving, Late
-from automcm_evaluation.comfort.comfort_claims import PLAIN, WITHOUT
-from automcm_evaluation.comfort.comfort_courses import COURSES, STAGES
-from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
-from automcm_evaluation.framework.experiment import PAGES, Values
-from automcm_evaluation.framework.intervals import wilson
+from automcm_evaluation.comfort.comfort_courses import COURSES
+from automcm_evaluation.comfort.comfort_tables import PLAIN, TITLES, WITHOUT
+from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
 from automcm_simulation.road.drive import NAMES
-from automcm_spec.support import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TITLES = {
-    "undisturbed": "undisturbed",
-    "open-ended": "undisturbed, open-ended prescription",
-    "uncoordinated": "no coordination",
-    "cut": "radio cut both ways",
-    "cut_to_b": "radio cut, prescriber to B",
-    "cut_to_prescriber": "radio cut, B to prescriber",
-    "prescriber_dies": "prescriber's station dies",
-    "b_dies": "B's station dies",
-    "prescriber_aborts": "prescriber gives up",
-    "b_aborts": "B gives up",
-    "leader_stops": "A stops, prescriber gives up",
-    "prescriber_hangs": "prescriber's application hangs",
-}
 STYLES = {
     1: ("tab:red", "-"),
     2: ("tab:green", "--"),
     3: ("tab:blue", "-"),
     4: ("tab:orange", "-."),
 }
-
-
-def page(report: Values) -> str:
-    """The page without title and claims."""
-    return markdown.page(
-        PAGES / "comfort.md.j2",
-        wilson=wilson,
-        s=report["summary"],
-        settings=report["settings"],
-        plan=Plan(),
-        late=Late(),
-        hardest=Driving().hardest,
-        hard=HARD,
-        jerk_s=JERK_S,
-        slower=SLOWER,
-        width_m=WIDTH_M,
-        far_s=FAR_S,
-        courses=COURSES,
-        stages=STAGES,
-        titles=TITLES,
-        plain=PLAIN,
-        suffix=WITHOUT,
-    )
-
-
-# -- figures
 
 
 def figures(report: Values) -> Iterator[tuple[str, Figure]]:
@@ -85,8 +40,7 @@ def _speeds(fig6: Values) -> Figure:
         plot.axvspan(of["begin_m"], of["end_m"], color="0.88", label="prescriber moves over")
         plot.set(title=f"{speed} km/h", ylabel="speed, km/h", ylim=(0, int(speed) * 1.2))
     plots[-1].set_xlabel("position along the road, m")
-    handles, labels = plots[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5)
+    drawing.legend(figure, plots[0], 5)
     return figure
 
 
@@ -103,8 +57,7 @@ def _bars(all_: Values) -> Figure:
         plot.set(xlabel=label, yticks=list(places.values()), ylim=(0.4, len(names) + 0.6))
         plot.set_yticklabels([TITLES[name] for name in names] if plot is plots[0] else [])
         plot.axvline(0, color="black", linewidth=0.8)
-    handles, labels = plots[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    drawing.legend(figure, plots[0], 3)
     return figure
 
 

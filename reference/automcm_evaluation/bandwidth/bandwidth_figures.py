@@ -1,70 +1,19 @@
-"""The page and the figures of the bandwidth experiment."""
+"""The figures of the bandwidth experiment."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from automcm_evaluation.bandwidth.bandwidth_air import CODECS, FORMS
-from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, RIVALS, drive
-from automcm_evaluation.framework.experiment import PAGES, Values
+from automcm_evaluation.bandwidth.bandwidth_air import CODECS
+from automcm_evaluation.bandwidth.bandwidth_tables import ALWAYS, CASES, COLOURS
+from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
-from automcm_spec.support import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-COLOURS = {
-    "CAM": "#bbbbbb",
-    "Advertisement": "#0077bb",
-    "Intention": "#ee7733",
-    "Prescription": "#cc3311",
-    "Acceptance": "#009988",
-    "Cancel": "#aa3377",
-    "Fin": "#000000",
-    "Ack": "#ddaa33",
-}
-"""In the order in which they are stacked."""
-ALWAYS = "always-on"
-CASES = {
-    "cams": "CAMs alone",
-    "minute": "a lane change a minute",
-    "maneuver": "during a lane change",
-    "busiest": "busiest half second of one",
-    "always": ALWAYS,
-}
-
-
-def page(report: Values) -> str:
-    """Markdown; every figure is from the report."""
-    s, four = report["summary"], drive(report["summary"], 4)
-    return markdown.page(
-        PAGES / "bandwidth.md.j2",
-        s=s,
-        settings=report["settings"],
-        m=s["model"],
-        points=s["points"],
-        headers=sum(s["headers"].values()),
-        two=drive(s, 2),
-        four=four,
-        lossy=drive(s, 4, lossy=True),
-        kinds=list(COLOURS),
-        codecs=CODECS,
-        forms=FORMS,
-        cases=CASES,
-        always=ALWAYS,
-        marked=MARKED,
-        rivals=RIVALS,
-        sent={name: _sent(four, name) for name in CODECS},
-    )
-
-
-def _sent(of: Values, name: str) -> dict[str, float]:
-    """The mean size of each message as it was sent."""
-    count = of["count"]
-    sizes = {k: of["bytes"][name].get(k, 0) / n for k, n in count.items() if n}
-    return dict.fromkeys(COLOURS, 0.0) | sizes | {"CAM": of["cam_size"][name]}
 
 
 def figures(report: Values) -> Iterator[tuple[str, Figure]]:
@@ -117,29 +66,25 @@ def _scaled(s: Values) -> Figure:
         "minute": ("#009988", "^--"),
         "cams": ("#888888", "-"),
     }
+    raised = [each for each in s["many"] if each["participants"] > usual]
     for plot, name in zip(plots, CODECS, strict=True):
+        draw = partial(_line, plot, name)
         for case, (colour, style) in styles.items():
-            plot.plot(
-                [each["vehicles"] for each in many],
-                [100 * each["channel"][name][case] for each in many],
-                style,
-                color=colour,
-                markersize=4,
-                label=CASES[case],
-            )
-        raised = [each for each in s["many"] if each["participants"] > usual]
+            draw(many, case, style, color=colour, markersize=4, label=CASES[case])
         for case in ("busiest", "maneuver") if raised else ():
-            plot.plot(
-                [each["vehicles"] for each in raised],
-                [100 * each["channel"][name][case] for each in raised],
-                styles[case][1][0],
-                color=styles[case][0],
-                fillstyle="none",
-                label="max_participants raised" if case == "maneuver" else None,
-            )
+            label = "max_participants raised" if case == "maneuver" else None
+            colour, style = styles[case]
+            draw(raised, case, style[0], color=colour, fillstyle="none", label=label)
         plot.set_title(name.upper(), loc="left", fontsize=10)
         plot.set_xlabel("vehicles in range")
         plot.set_ylabel(f"share of {s['channel_bit_s'] / 1e6:g} Mbit/s, CAMs included, %")
         plot.set_ylim(bottom=0)
     plots[0].legend(fontsize=8)
     return figure
+
+
+def _line(
+    plot: Axes, name: str, rows: Sequence[Values], case: str, style: str, **more: Any
+) -> None:
+    shares = [100 * each["channel"][name][case] for each in rows]
+    plot.plot([each["vehicles"] for each in rows], shares, style, **more)

@@ -1,31 +1,15 @@
-"""The page and the figures of ``radio``."""
+"""The figures of ``radio``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm_evaluation.framework.experiment import PAGES, Values
-from automcm_evaluation.loss.loss_page import CLASSES
-from automcm_evaluation.radio.radio_tables import ENOUGH, MODELS, TARGET
+from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures
-from automcm_spec.support import markdown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def page(report: Values) -> str:
-    """Markdown."""
-    return markdown.page(
-        PAGES / "radio.md.j2",
-        s=report["summary"],
-        settings=report["settings"],
-        classes=CLASSES,
-        models=MODELS,
-        enough=ENOUGH,
-        target=TARGET,
-    )
 
 
 def plots(report: Values) -> Iterator[tuple[str, Figure]]:
@@ -54,17 +38,14 @@ def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     for plot, t in zip(axes, timeouts, strict=True):
         for n, load in enumerate(loads):
             rows = [p for p in s["sessions"] if (p["t_timeout"], p["load"]) == (t, load)]
-            x = [p["distance_m"] for p in rows]
-            low = [100 * (p["share"] - p["low"]) for p in rows]
-            high = [100 * (p["high"] - p["share"]) for p in rows]
-            shares = [100 * p["share"] for p in rows]
-            label = f"load {load:g}"
-            plot.errorbar(x, shares, [low, high], fmt=".", color=f"C{n}", label=label)
+            figures.shares(plot, "distance_m", rows, color=f"C{n}", label=f"load {load:g}")
             for name, style in (("three_even", ":"), ("three_lasting", "--")):
                 values = [100 * p[name] for p in rows]
-                plot.plot(x, values, style, color=f"C{n}", linewidth=1)
+                plot.plot(
+                    [p["distance_m"] for p in rows], values, style, color=f"C{n}", linewidth=1
+                )
         plot.set_title(f"t_timeout {t / 1000:g} s")
     axes[0].set_ylabel("sessions agreed, %")
     axes[len(axes) // 2].set_xlabel("distance, m")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    figures.legend(figure, axes[0], 4)
     yield "sessions", figure

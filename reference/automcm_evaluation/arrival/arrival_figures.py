@@ -1,54 +1,19 @@
-"""The page of ``arrival`` and its figures, made only from the report."""
+"""The figures of ``arrival``, made only from the report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm.applications.lane_change import Plan
-from automcm_evaluation.arrival.arrival_claims import FIG_9_S, NEAR_S, PAPER, SPEEDS_KMH, sumo_gain
-from automcm_evaluation.arrival.sumo import HOWS
-from automcm_evaluation.framework.experiment import PAGES, Values
-from automcm_evaluation.framework.intervals import wilson
+from automcm_evaluation.arrival.arrival_tables import NEAR_S, PAPER, SPEEDS_KMH
+from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
-from automcm_spec.support import markdown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = {"with": "tab:blue", "without": "tab:orange"}
 FRAME = {"boxstyle": "round,pad=0.25", "fill": False, "edgecolor": "tab:red", "linewidth": 1.5}
-NAMES = {
-    "notice": "noticed that far from its lane's middle, m",
-    "brake": "brakes at (at least), m/s²",
-    "restart_s": "stands at least, s",
-    "restart_gap": "restarts at a gap of, m",
-    "acceleration": "acceleration of all, m/s²",
-}
-
-
-def page(report: Values) -> str:
-    """The page without title and claims."""
-    s = report["summary"]
-    both = {speed_kmh: s["speeds"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH}
-    return markdown.page(
-        PAGES / "arrival.md.j2",
-        wilson=wilson,
-        s=s,
-        settings=report["settings"],
-        speeds=SPEEDS_KMH,
-        both=both,
-        slow=both[30],
-        fast=both[50],
-        tried=s["tried"],
-        asked_s=[Plan().gain_m / speed_kmh * 3.6 for speed_kmh in SPEEDS_KMH],
-        names=NAMES,
-        near_s=NEAR_S,
-        fig_9_s=FIG_9_S,
-        paper=PAPER,
-        hows=HOWS,
-        sumo_gain=sumo_gain,
-    )
 
 
 def figures(report: Values) -> Iterator[tuple[str, Figure]]:

@@ -20,6 +20,30 @@ from automcm_evaluation.framework.experiment import Cell, Values, chosen
 from automcm_evaluation.framework.intervals import mean, wilson
 from automcm_spec.vocabulary.parameters import Parameters
 
+COLOURS = {
+    "CAM": "#bbbbbb",
+    "Advertisement": "#0077bb",
+    "Intention": "#ee7733",
+    "Prescription": "#cc3311",
+    "Acceptance": "#009988",
+    "Cancel": "#aa3377",
+    "Fin": "#000000",
+    "Ack": "#ddaa33",
+}
+"""In the order in which they are stacked."""
+ALWAYS = "always-on"
+CASES = {
+    "cams": "CAMs alone",
+    "minute": "a lane change a minute",
+    "maneuver": "during a lane change",
+    "busiest": "busiest half second of one",
+    "always": ALWAYS,
+}
+
+
+KINDS = ("Prescription", "Acceptance", "Fin", "Intention")
+SAME = 0.05
+"""Amounts that differ by less than this share count as equal."""
 CARRYING = ("Advertisement", "Intention", "Prescription", "Acceptance")
 """The messages with a trajectory."""
 MARKED = "CAM in a session"
@@ -278,3 +302,66 @@ def _mean(values: Sequence[float]) -> float:
 
 def _means(values: Sequence[Values]) -> Values:
     return {name: _mean([each[name] for each in values]) for name in CODECS}
+
+
+# -- what the page and the claims use
+
+
+def names(report: Values) -> Values:
+    """The drives with ``two`` and ``four`` vehicles; ``ratios``: four to two by kind of message;
+    ``savings``: over two and four vehicles and both codecs, by form; ``crowded``: with the usual
+    number of participants and with more, where there are more receivers than that."""
+    s = report["summary"]
+    two, four = drive(s, 2), drive(s, 4)
+    many = {(each["vehicles"], each["participants"]): each for each in s["many"]}
+    usual = min(participants for _, participants in many)
+    savings = {
+        form: [of["saving"][form][name] for of in (two, four) for name in CODECS]
+        for form in FORMS[:2]
+    }
+    takes = [
+        of["bytes"][name]["Advertisement"] / of["event"]["sent"][name]
+        for of in (two, four)
+        for name in CODECS
+    ]
+    sent: dict[str, dict[str, float]] = {}
+    for name in CODECS:
+        sizes = {k: four["bytes"][name].get(k, 0) / n for k, n in four["count"].items() if n}
+        sent[name] = dict.fromkeys(COLOURS, 0.0) | sizes | {"CAM": four["cam_size"][name]}
+    factors = [of[rival] for each in savings.values() for of in each for rival in RIVALS]
+    carried = [ratio for of in s["ratios"].values() for ratio in of.values()]
+    return {
+        "m": s["model"],
+        "points": s["points"],
+        "headers": sum(s["headers"].values()),
+        "two": two,
+        "four": four,
+        "lossy": drive(s, 4, lossy=True),
+        "both_lossy": [(of, drive(s, of["vehicles"], lossy=True)) for of in (two, four)],
+        "kinds": list(COLOURS),
+        "codecs": CODECS,
+        "forms": FORMS,
+        "cases": CASES,
+        "always": ALWAYS,
+        "marked": MARKED,
+        "rivals": RIVALS,
+        "sent": sent,
+        "least": min(s["etsi"]["ratio"], *carried),
+        "counts": {kind: _ratio(two["count"], four["count"], kind) for kind in KINDS},
+        "amounts": {
+            kind: [_ratio(two["bytes"][n], four["bytes"][n], kind) for n in CODECS]
+            for kind in KINDS
+        },
+        "same": SAME,
+        "savings": savings,
+        "factors": factors,
+        "takes": max(takes),
+        "largest": many[max(n for n, participants in many if participants == usual), usual],
+        "usual": usual,
+        "crowded": [(many[n, usual], many[n, p]) for n, p in sorted(many) if p > usual],
+    }
+
+
+def _ratio(two: Values, four: Values, kind: str) -> float:
+    """The ratio of amounts of one kind; 0 if there is none with two vehicles."""
+    return float(four.get(kind, 0) / two[kind]) if two.get(kind) else 0.0
