@@ -6,7 +6,6 @@ The committed summaries, with some of their figures changed.
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -15,16 +14,17 @@ from typing import Any
 import pytest
 
 from automcm_evaluation.framework.claims import Claim
+from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.catalogue import experiment
 
 Json = Any
-EVALUATION = Path(__file__).resolve().parents[2] / "docs" / "evaluation"
+EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
 YES, SHAPE, NO, BEYOND = "reproduced", "in shape only", "not reproduced", "beyond the paper"
 
 
 @cache
 def committed(name: str) -> Json:
-    return json.loads((EVALUATION / name / "results.json").read_bytes())
+    return report.load(EVALUATION / name / report.RESULTS)
 
 
 def places(at: Json, part: str) -> Iterator[Json]:
@@ -48,10 +48,10 @@ def changed(at: Json, path: list[str], to: Json) -> int:
 
 def claims(name: str, changes: dict[str, Json]) -> list[Claim]:
     found = committed(name)
-    report = found | {"summary": copy.deepcopy(found["summary"])}
+    other = found | {"summary": copy.deepcopy(found["summary"])}
     for path, to in changes.items():
-        assert changed(report["summary"], path.split("/"), to), path
-    return experiment(name).claims(report)
+        assert changed(other["summary"], path.split("/"), to), path
+    return experiment(name).claims(other)
 
 
 def gains(gain: float, low: float, high: float, least: float, greatest: float) -> dict[str, Json]:
