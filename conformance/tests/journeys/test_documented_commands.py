@@ -25,7 +25,8 @@ from automcm_evaluation.sweeps.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[3]
 LINE = re.compile(r"(?: {4,}|)(?:- run: )?(?:\.venv/bin/)?((?:automcm|make) (?!--).*)")
-PAIR = ROOT / "traces" / "corpus" / "pair"
+CORPUS = "traces/corpus"
+PAIR = ROOT / CORPUS / "pair"
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,9 @@ TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
 SEEDS = By("test_simulate_command.py::test_a_traffic_sweep_continues")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
+SHOWN = By(
+    "conformance/tests/journeys/test_pages_code.py::test_an_excerpt_is_what_the_command_prints"
+)
 SWEEP = Parsed("minutes; test_experiment_cli.py runs a sweep that is short")
 SYNOPSIS = Parsed("says what may be typed")
 
@@ -181,6 +185,7 @@ TABLE: dict[str, Way] = {
     "automcm station --id 7 --request-after 500": STATION,
     "automcm trace coverage logs/ --json coverage.json": Run(),
     "automcm trace diff run-1 run-2 --times": Run(),
+    f"automcm trace diff {CORPUS}/pair/2002.ndjson {CORPUS}/bad/lease_longer.ndjson --times": SHOWN,
     f"automcm trace explain {LOGS}": Run(),
     "automcm trace explain 1.ndjson 2.ndjson": Run(instead=f"trace explain {LOGS}"),
     "automcm trace explain LOG...": Run(instead=f"trace explain {LOGS}"),
@@ -201,8 +206,10 @@ TABLE: dict[str, Way] = {
     "automcm trace replay 2002.ndjson -- automcm adapter": Run(),
     "automcm trace replay LOG [--out DIR] [--seed N] [--limit S] [--json PATH] -- CMD": SYNOPSIS,
     f"automcm trace show {LOGS} --session 1001/1": Run(),
-    f"automcm trace show {LOGS} --session 1001/1 --no-timers": Run(),
+    f"automcm trace show {CORPUS}/pair/1001.ndjson {CORPUS}/pair/2002.ndjson --session 1001/1 "
+    "--no-timers": SHOWN,
     f"automcm trace shrink {LOGS} --out small": SHRINK,
+    f"automcm trace shrink {CORPUS}/bad/wrong_proposal.ndjson --out small": SHOWN,
     f"automcm trace watch {LOGS}": Run(),
     "automcm vectors check": By("test_vectors.py::test_the_command_agrees_with_the_reference"),
     "automcm vectors check --kernel collide": Run(),

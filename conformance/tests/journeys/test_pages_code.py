@@ -10,6 +10,8 @@ import pytest
 from cli_stage import automcm
 from page_texts import PLACES, TEXTS
 
+from automcm_spec.graph import oracle, oracle_generation
+
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -30,6 +32,53 @@ def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
         else:
             path = (page.parent / target).resolve()
             assert path.exists() or path in PLACES, target
+
+
+BAD, PAIR = "traces/corpus/bad", "traces/corpus/pair"
+
+
+@pytest.mark.parametrize(
+    ("page", "command"),
+    [
+        ("../README.md", f"trace explain {BAD}/ack_missing.ndjson"),
+        ("trace-format.md", f"trace explain {BAD}/accepts_unasked.ndjson"),
+        (
+            "trace-format.md",
+            f"trace show {PAIR}/1001.ndjson {PAIR}/2002.ndjson --session 1001/1 --no-timers",
+        ),
+        ("trace-format.md", f"trace shrink {BAD}/wrong_proposal.ndjson --out small"),
+        (
+            "trace-format.md",
+            f"trace diff {PAIR}/2002.ndjson {BAD}/lease_longer.ndjson --times",
+        ),
+        pytest.param(
+            "reference.md",
+            "simulate lane-change --vehicles 4 --speed 30",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("reference.md", "bench window", marks=pytest.mark.slow),
+    ],
+)
+def test_an_excerpt_is_what_the_command_prints(
+    page: str, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One block holds lines of the output, in this order."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "traces").symlink_to(ROOT / "traces")
+    printed = [" ".join(line.split()) for line in automcm(*command.split()).stdout.splitlines()]
+    excerpts = [text.splitlines() for language, text in blocks(page) if not language]
+    (excerpt,) = [lines for lines in excerpts if " ".join(lines[0].split()) == printed[0]]
+    rest = iter(printed)
+    for line in excerpt:
+        assert line.strip() in ("…", "...") or " ".join(line.split()) in rest, line
+
+
+def test_the_readme_shows_the_size_and_the_hash_of_the_graph() -> None:
+    graph = oracle.load(oracle_generation.ONE_PEER.path)
+    states, transitions = len(graph.states), graph.transitions
+    shown = f"Oracle      {states:,} states, {transitions:,} transitions, "
+    (line,) = [x for x in TEXTS[ROOT / "README.md"].splitlines() if x.startswith(shown)]
+    assert line.endswith(f"spec {oracle_generation.spec_hash()[:12]}")
 
 
 def test_the_scenario_of_the_page_runs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -31,11 +32,18 @@ def pages() -> dict[str, Callable[[], str]]:
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         "cli.md": cli_page.text,
         "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
+        "index.md": _first_page,
         "models.md": lambda: models_page.models_page(models.load()),
         "mutation.md": lambda: mutate_commands.markdown(_json(mutate_commands.RESULTS)),
         "rule-coverage.md": lambda: citations.table(ROOT),
         **details,
     }
+
+
+def _first_page() -> str:
+    """The README up to its commands, with links from docs/."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## Two commands")[0]
+    return re.sub(r"\]\((?!https?:|#)(docs/)?", lambda m: "](" if m[1] else "](../", readme)
 
 
 def _json(path: Path) -> dict[str, Any]:
