@@ -13,7 +13,7 @@ from automcm.links.clock import VirtualClock
 from automcm.links.link import Receiver
 from automcm.service.service import McService
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, LiveResult, Session, VirtualRun
+from automcm_conformance.live.live_cases import CASES, LiveResult, LiveRun, VirtualRun
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
@@ -96,8 +96,8 @@ def only(type_: str, change: Radio) -> Radio:
     return lambda m: change(m) if m["type"] == type_ else fair(m)
 
 
-def session(oracle: Oracle, world: World, virtual_run: VirtualRun | None = None) -> Session:
-    return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, virtual_run=virtual_run)
+def session(oracle: Oracle, world: World, virtual_run: VirtualRun | None = None) -> LiveRun:
+    return LiveRun(oracle, world, STATION, DEFAULTS, JITTER, number=5, virtual_run=virtual_run)
 
 
 def judge(

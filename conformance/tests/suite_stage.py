@@ -16,7 +16,7 @@ from automcm_conformance.exchange.results import CaseResult, Report
 from automcm_conformance.exchange.wire import PLAIN
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_pairs, verdicts
-from automcm_conformance.suite.tally import Part
+from automcm_conformance.suite.tally import PairPart
 from automcm_spec.graph.oracle import Oracle, content
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 
@@ -106,8 +106,8 @@ class Suite:
         self.patch.setattr(suite_run, "load", lambda path, spec: cut[path])
         self.patch.setattr(
             suite_run,
-            "Part",
-            lambda name, o, third=False: Part(name, one if name == "special" else o, third),
+            "PairPart",
+            lambda name, o, third=False: PairPart(name, one if name == "special" else o, third),
         )
         self.patch.setattr(graph_cases, "VALUES", (PLAIN,))  # stations here may know an id
         self.patch.setattr(two_peer_pairs, "read", lambda two: [])

@@ -32,7 +32,7 @@ from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unreadable
+from automcm_traces.checker.finding import Finding, Where, Why, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import timer_name
 from automcm_traces.explain.explain import Verdict
@@ -186,7 +186,7 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
     event = next(event for at, event in log.events if at == line)
     expected = tuple(_expected(translation, rule, wanted))
     guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
-    at = At(log.file, line)
+    at = Where(log.file, line)
     found = Finding("unexpected", rule, "", at, expected, event_words(event), Why(guard))
     return Verdict(log.file, found, **about)
 

@@ -19,7 +19,7 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.live.live_cases import Case, LiveResult
+    from automcm_conformance.live.live_cases import LiveCase, LiveResult
     from automcm_conformance.live.udp_air import UdpAir
 
 FIRST_CAM_MS = 5_000
@@ -63,7 +63,7 @@ def live(
     from automcm_conformance.adapter.adapter import Adapter
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_conformance.live.live_cases import Session, virtual_run
+    from automcm_conformance.live.live_cases import LiveRun, virtual_run
     from automcm_spec.graph.oracle import OracleError, load
     from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
@@ -83,7 +83,7 @@ def live(
         progress() as notify,
     ):
         oracle = load(ONE_PEER.path, spec_hash())
-        session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
+        session = LiveRun(oracle, air, station, parameters, jitter, int(time.time()), scenario)
         if command:
             adapter = Adapter(command, limit)
             stack.callback(adapter.stop)
@@ -120,7 +120,7 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
                 yield UdpAir(own, shared, everyone)
 
 
-def _cases(selectors: list[str]) -> list[Case]:
+def _cases(selectors: list[str]) -> list[LiveCase]:
     from automcm_conformance.live.live_cases import CASES
 
     for selector in selectors:

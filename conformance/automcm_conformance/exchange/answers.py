@@ -12,7 +12,7 @@ from pydantic_core import from_json, to_json
 
 from automcm_conformance.adapter.protocol import Answer, has_float, read_answer
 from automcm_conformance.exchange.armed_timers import UNKNOWN
-from automcm_conformance.exchange.wire import Expected
+from automcm_conformance.exchange.wire import Required
 from automcm_spec.vocabulary.messages import same
 
 Json = Any
@@ -36,7 +36,7 @@ class Problem(NamedTuple):
     """What differs, without values: equal for equal causes. ``Ack.of.seq`` is a field."""
 
 
-def differences(expected: Expected, line: bytes) -> list[Problem]:
+def differences(expected: Required, line: bytes) -> list[Problem]:
     """The differences from the expected answer; empty if there are none.
 
     Raises ProtocolError for a line that is not an answer.
@@ -62,7 +62,7 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
     return problems
 
 
-def _as_expected(expected: Expected, line: bytes) -> bool:
+def _as_expected(expected: Required, line: bytes) -> bool:
     """Whether the answer is exactly as expected. Nearly all are, and their form is then right as
     well. Python's 1 equals true and 1.0, so answers with truth values are compared by type too."""
     try:
@@ -106,13 +106,13 @@ def _is_cam(cam: Json) -> bool:
     return type(cam) is dict and cam.get("type") == "CAM" and type(cam.get("generation_ms")) is int
 
 
-def _marked(expected: Expected, cam: dict[str, Json]) -> bool:
+def _marked(expected: Required, cam: dict[str, Json]) -> bool:
     return not expected.marks or any(
         are_marks(wanted, cam.get("marks")) for wanted in _marks_at(expected, cam["generation_ms"])
     )
 
 
-def _marks_at(expected: Expected, due: int) -> list[Json]:
+def _marks_at(expected: Required, due: int) -> list[Json]:
     """The marks that a CAM may have that is due then: at the time of a change, either (ACT-5)."""
     if len(expected.marks_since) != len(expected.marks):
         return expected.marks  # of a replay file without times
@@ -121,7 +121,7 @@ def _marks_at(expected: Expected, due: int) -> list[Json]:
     return [marks for marks, since, end in periods if since <= due <= end] or expected.marks[:1]
 
 
-def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
+def _messages(expected: Required, found: list[Json]) -> list[Problem]:
     left = list(found)
     missing = []
     problems: list[Problem] = []
@@ -180,7 +180,7 @@ def _own(wanted: Json, found: Json) -> bool:
     )
 
 
-def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected) -> list[Problem]:
+def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Required) -> list[Problem]:
     """Takes over a value that the station was free to choose, and checks that it was. Other values
     are not taken over: a replay expects the values expected here."""
     problems = []
@@ -254,7 +254,7 @@ def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[P
     return []
 
 
-def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
+def _marks(expected: Required, cam: dict[str, Json]) -> list[Problem]:
     if _marked(expected, cam):
         return []
     wanted, due = _marks_at(expected, cam["generation_ms"])[0], cam["generation_ms"]

@@ -26,7 +26,7 @@ class Running(Generic[T]):
     age: int
 
 
-class Clock(Generic[T]):
+class ArmedTimers(Generic[T]):
     """The armed timers by their names; a deadline is in ms, or UNKNOWN."""
 
     def __init__(self) -> None:

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import ProtocolError, read_answer
 from automcm_conformance.exchange.answers import Problem, differences
-from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
-from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Expected, Values, Wire, encode
+from automcm_conformance.exchange.armed_timers import UNKNOWN, ArmedTimers
+from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Required, Values, Wire, encode
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
 from automcm_spec.vocabulary.renumbering import Rename
@@ -26,7 +26,7 @@ from automcm_traces.checker.track import NO_INDICATION
 Json = Any
 
 
-class Link(Protocol):
+class LineLink(Protocol):
     """What an exchange needs of a process."""
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
@@ -34,7 +34,7 @@ class Link(Protocol):
 
 
 @dataclass(slots=True)
-class Effects:
+class GraphEffects:
     """The effects of one step of the specification, for a log: the expired timer, the numbers of
     messages and indications, the timers stopped and armed."""
 
@@ -55,7 +55,7 @@ class Step:
     now: int
     command: dict[str, Json]
     """The content of the line."""
-    expected: Expected
+    expected: Required
     line: bytes = field(init=False)
     place: int = 0
     """The index of the tour's input that the line belongs to."""
@@ -69,7 +69,7 @@ class Step:
     answer: bytes = b""
     fault: str = ""
     """What is wrong with a malformed message, in words."""
-    effects: list[Effects] = field(default_factory=list)
+    effects: list[GraphEffects] = field(default_factory=list)
     """The effects of each of ``pairs``, if the exchange is logged."""
 
     def __post_init__(self) -> None:
@@ -134,7 +134,7 @@ class Exchange:
     def __init__(
         self,
         oracle: Oracle,
-        link: Link,
+        link: LineLink,
         parameters: Mapping[str, int],
         *,
         scenario: str = "lane_change",
@@ -164,12 +164,12 @@ class Exchange:
         """Whether lines have been written."""
         self.overrides: dict[str, int] = {}
         self._link = link
-        self.clock: Clock[Timer] = Clock()
+        self.clock: ArmedTimers[Timer] = ArmedTimers()
         self._joined_at: dict[int, int] = {}
         self._unwritten: list[Step] = []
-        self._refusals: dict[object, Expected] = {}
+        self._refusals: dict[object, Required] = {}
         self._right: dict[int, bytes] = {}
-        """The last correct answer, by the id of its ``Expected``, which ``done`` keeps alive."""
+        """The last correct answer, by the id of its ``Required``, which ``done`` keeps alive."""
         self._lease_ms = LONG_MS
         self._known = {**parameters, **derived(parameters)}
         self._lasts = durations(self._known)
@@ -220,13 +220,13 @@ class Exchange:
     def end_with_reset(self) -> None:
         """End the exchange with one more line, which shows what the station does after its last
         answer."""
-        self.state, self.clock = 0, Clock()
+        self.state, self.clock = 0, ArmedTimers()
         self._queue(self._reset)
 
     def malformed(self, message: Json, fault: str) -> None:
         """Send a malformed message: the station discards it in every phase (END-5). ``fault``: in
         words."""
-        expected = Expected("END-5", indications=[{"name": "discarded"}])
+        expected = Required("END-5", indications=[{"name": "discarded"}])
         self._queue({"cmd": "receive", "message": message}, expected, fault)
 
     def expire(self, i: int) -> None:
@@ -370,7 +370,7 @@ class Exchange:
         if due is None and answer and not answer.changes and not answer.effect.messages:
             self._refuse(command, answer)
             return []
-        step = Step(self.now, command, Expected(), before=self.state)
+        step = Step(self.now, command, Required(), before=self.state)
         fired, given = [], self.wire.given
         self.wire.given = None
         if then is not None and isinstance(self.oracle.inputs[then], Restart):
@@ -395,19 +395,19 @@ class Exchange:
 
     def _refuse(self, command: dict[str, Json], answer: OracleAnswer) -> None:
         """Queue a line that changes nothing and sends nothing while no timer is due. Such lines
-        share one ``Expected``, so that an equal answer is not parsed again (``_judge``)."""
+        share one ``Required``, so that an equal answer is not parsed again (``_judge``)."""
         rule, indication, first = answer.effect.rule, answer.effect.indication, self.clock.first
         due = None if first is None else (first.deadline, first.timer[0])
         key = rule, indication, self.state, due
         expected = self._refusals.get(key)
         if expected is None:
             indications = [] if indication == NO_INDICATION else [{"name": indication[0]}]
-            expected = self._refusals[key] = Expected(rule, indications=indications)
+            expected = self._refusals[key] = Required(rule, indications=indications)
         step = Step(self.now, command, expected, before=self.state)
         step.pairs.append((answer.state, answer.input))
         step.times.append(self.now)
         if self.logged:
-            step.effects.append(Effects(None, 0, len(expected.indications), [], []))
+            step.effects.append(GraphEffects(None, 0, len(expected.indications), [], []))
         self._expect(step)
 
     def _follow(self, step: Step, answer: OracleAnswer) -> None:
@@ -415,7 +415,7 @@ class Exchange:
         value = self.oracle.inputs[answer.input]
         if answer.changes and self.wire.given is not None:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
-        effects = Effects(None, 0, 0, [], []) if self.logged else None
+        effects = GraphEffects(None, 0, 0, [], []) if self.logged else None
         if effects is not None:
             effects.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
             effects.stopped = [self.wire.timer(t) for t in answer.effect.stop]
@@ -442,11 +442,11 @@ class Exchange:
             step.effects.append(effects)
 
     def _queue(
-        self, command: dict[str, Json], expected: Expected | None = None, fault: str = ""
+        self, command: dict[str, Json], expected: Required | None = None, fault: str = ""
     ) -> None:
         """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
-        step = Step(self.now, command | timed, expected or Expected(), fault=fault)
+        step = Step(self.now, command | timed, expected or Required(), fault=fault)
         step.before = self.state
         self._expect(step)
 

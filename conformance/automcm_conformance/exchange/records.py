@@ -17,8 +17,8 @@ from pydantic import BaseModel, ValidationError
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import INDICATIONS, HelloAnswer, Object, read_answer
 from automcm_conformance.exchange.answers import are_marks, differences
-from automcm_conformance.exchange.exchange import Link, Mismatch, Step
-from automcm_conformance.exchange.wire import Expected
+from automcm_conformance.exchange.exchange import LineLink, Mismatch, Step
+from automcm_conformance.exchange.wire import Required
 from automcm_spec.log_format.problems import first_problem
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.support import files
@@ -32,7 +32,7 @@ COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 class _Line(BaseModel, extra="forbid"):
     now: int
     line: Object
-    expected: Expected
+    expected: Required
 
 
 class _Replay(BaseModel, extra="forbid"):
@@ -63,7 +63,7 @@ def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
     return about, [Step(s.now, s.line, s.expected) for s in replay.steps]
 
 
-def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
+def replayed(steps: Sequence[Step], link: LineLink) -> list[Step]:
     """Send the lines again, one by one. Raises Mismatch at the first wrong answer, and the errors
     of the link and of ``read_answer``."""
     done: list[Step] = []

@@ -8,7 +8,7 @@ from automcm_conformance.adapter.protocol import Object, ProtocolError, read_ans
 from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Step
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.exchange.wire import SOON_MS, Expected
+from automcm_conformance.exchange.wire import SOON_MS, Required
 from automcm_traces.checker.finding import Finding
 
 
@@ -91,7 +91,7 @@ def _indication(i: Object) -> str:
     return " ".join([_text(i["name"]), *more])
 
 
-def allowed(expected: Expected) -> list[str]:
+def allowed(expected: Required) -> list[str]:
     """The answers that the specification allows, in words."""
     parts = [message(m) for m in expected.messages] or ["nothing is sent"]
     if expected.messages and len(expected.messages) > 1:

@@ -109,7 +109,7 @@ RICH_DETAILS = {
 
 
 @dataclass(slots=True)
-class Expected:
+class Required:
     """The answer that the specification requires.
 
     ``messages`` may come in any order. A value that the station chooses is None until it is known:

@@ -22,7 +22,7 @@ from automcm_conformance.exchange.deciding import Deciding, deciding
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
-    Link,
+    LineLink,
     Mismatch,
     Step,
     Unpredicted,
@@ -38,7 +38,15 @@ from automcm_conformance.explore.walk_shrinking import (
     pair_of,
     rule_of,
 )
-from automcm_conformance.explore.walks import JUDGED, Act, Coverage, Faults, Setting, Walker, walk
+from automcm_conformance.explore.walks import (
+    JUDGED,
+    Act,
+    Faults,
+    Setting,
+    WalkCoverage,
+    Walker,
+    walk,
+)
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.suite_run import uncollected
@@ -71,7 +79,7 @@ class Walk:
     """One walk; ``x`` is its exchange while it waits to be judged."""
 
     number: int
-    coverage: Coverage
+    coverage: WalkCoverage
     faults: Faults
     setting: Setting
     acts: list[Act]
@@ -97,7 +105,7 @@ class Explorer:
         self._folder = folder
         self._enough = enough
         self.coverages = [
-            Coverage(
+            WalkCoverage(
                 name,
                 o,
                 [not runner.missing_feature(i) for i in o.inputs],
@@ -183,10 +191,10 @@ class Explorer:
 
     def _exchange(
         self,
-        coverage: Coverage,
+        coverage: WalkCoverage,
         setting: Setting,
         predict: bool | None = None,
-        link: Link | None = None,
+        link: LineLink | None = None,
     ) -> Exchange:
         return self.runner.exchange(
             coverage.oracle,
@@ -371,7 +379,7 @@ class Explorer:
         return None
 
     def _unwritten(
-        self, coverage: Coverage, setting: Setting, walks: Sequence[Sequence[Act]]
+        self, coverage: WalkCoverage, setting: Setting, walks: Sequence[Sequence[Act]]
     ) -> list[Exchange]:
         """Exchanges for the first of these walks, up to one whose lines depend on answers."""
         exchanges: list[Exchange] = []

@@ -9,7 +9,7 @@ from itertools import islice
 from automcm_conformance.exchange.exchange import Broken
 from automcm_conformance.exchange.play import Wrong, offered
 from automcm_conformance.exchange.tours import Pair
-from automcm_conformance.explore.walks import Act, Coverage, Setting
+from automcm_conformance.explore.walks import Act, Setting, WalkCoverage
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import State
 
@@ -71,7 +71,7 @@ def rule_of(oracle: Oracle, error: Wrong) -> str:
 class Shrinker:
     """Shortens walks over a graph.  ``timed``: the station has the feature ``durations``."""
 
-    coverage: Coverage
+    coverage: WalkCoverage
     attempt: Attempt
     first: First
     timed: bool

@@ -75,7 +75,7 @@ class Setting:
 
 
 @dataclass(slots=True)
-class Coverage:
+class WalkCoverage:
     """A graph, with the pairs of state and input that may be walked and that have been."""
 
     name: str
@@ -196,7 +196,7 @@ class Coverage:
 class Walker:
     """Generates walks over a graph.  The same ``random`` generates the same walks."""
 
-    coverage: Coverage
+    coverage: WalkCoverage
     random: Random
     faults: Faults
     _received: list[int] = field(default_factory=list)

@@ -22,7 +22,7 @@ from automcm_conformance.suite.graph_cases import fitting
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
-VirtualRun = Callable[["Case"], str | None]
+VirtualRun = Callable[["LiveCase"], str | None]
 """The failure of a case in virtual time; empty if it passes, None if that cannot be decided."""
 LEASE_MS = 20_000
 STATIONS = 10
@@ -30,7 +30,7 @@ STATIONS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class LiveCase:
     """A case; at the end of ``script`` the session has ended and the outbox is empty."""
 
     name: str
@@ -55,49 +55,49 @@ _HEARD = s.ACCEPTANCE_ACKED, s.Wait(200), s.HEARD_THEM, s.Wait(200)
 _ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=("Cancel", 1))
 
 CASES = (
-    Case(
+    LiveCase(
         "intention",
         ("ADV-3", "REL-1", "ADV-6", "END-2"),
         "it sends its Intention at once and every t_resend until the Ack; it acks the Cancel",
         [s.ADVERTISED, *[_resent(*_INTENTION)] * 3, s.INTENTION_ACKED, s.Wait(250), s.CANCELLED],
     ),
-    Case(
+    LiveCase(
         "given up",
         ("ADV-6", "REL-1"),
         "without an Ack it sends its Intention until t_timeout and no longer",
         [s.ADVERTISED, s.expire("giveup", s.entry(*_INTENTION)), s.Wait(300), s.CANCELLED],
     ),
-    Case(
+    LiveCase(
         "agreement",
         ("NEG-1", "NEG-2", "REL-1", "ACT-3"),
         "it acks each Prescription, sends its Acceptance until the Ack, and acks each Fin",
         [*s.COMMITTED, _resent(*_ACCEPTANCE), s.INSTRUCTED, *_HEARD, s.FINISHED, s.FINISHED],
     ),
-    Case(
+    LiveCase(
         "busy",
         ("NEG-4", "ADV-4"),
         "it refuses a Prescription of another session as busy, and ignores its Advertisement",
         [*s.WAITING, _OTHER, s.received("Prescription", s.NEXT), s.Wait(150), s.CANCELLED],
     ),
-    Case(
+    LiveCase(
         "unknown session",
         ("NEG-5", "END-3"),
         "it refuses a Prescription of an unknown session, and acks its Cancel and Fin",
         [s.INSTRUCTED, s.INSTRUCTED, s.CANCELLED, s.FINISHED],
     ),
-    Case(
+    LiveCase(
         "cancel",
         ("END-2", "END-3", "ADV-8"),
         "it acks each Cancel, stops sending its Acceptance, and does not join the session again",
         [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, s.Wait(150)],
     ),
-    Case(
+    LiveCase(
         "cam loss",
         ("ACT-2", "REL-1", "END-6"),
         "from t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
         [*_ACTUATING, s.HEARD_THEM, *_LATER, s.expire("cam"), *_ENDED, *_FREE],
     ),
-    Case(
+    LiveCase(
         "lease",
         ("ACT-4", "REL-1", "END-6"),
         "from the end of the lease it sends a Cancel (lease_expired) until the Ack",
@@ -120,7 +120,7 @@ class LiveResult:
 
 
 @dataclass(slots=True)
-class Session:
+class LiveRun:
     """A run against one station.
 
     ``parameters`` are those of the station.  ``number`` must be greater than in all earlier runs:
@@ -170,7 +170,7 @@ class Session:
                 return True
         return False
 
-    def judge(self, case: Case) -> LiveResult:
+    def judge(self, case: LiveCase) -> LiveResult:
         """Play a case, and wait until the station is idle again."""
         if self.stuck is not None and not self._settled(self.stuck):
             reason = "the station did not become idle after the previous case"
@@ -192,7 +192,9 @@ class Session:
             self.stuck = None if self._settled(live) else live
         return self._judged(case, verdict, reason, lines)
 
-    def _judged(self, case: Case, verdict: Verdict, reason: str, lines: list[Line]) -> LiveResult:
+    def _judged(
+        self, case: LiveCase, verdict: Verdict, reason: str, lines: list[Line]
+    ) -> LiveResult:
         self.results.append(LiveResult(case.name, case.rules, case.then, verdict, reason, lines))
         return self.results[-1]
 
@@ -202,7 +204,7 @@ class Session:
         quiet = 2 * (p["t_resend"] + self.jitter_ms)
         return live.settle(quiet, 3 * (p["t_timeout"] + p["t_resend"]) + quiet)
 
-    def _timing(self, case: Case, missed: str) -> tuple[Verdict, str]:
+    def _timing(self, case: LiveCase, missed: str) -> tuple[Verdict, str]:
         """The verdict on a timing fault: FAIL only if the case also fails in virtual time."""
         if self.virtual_run is None:
             return "INCONC", missed
@@ -238,7 +240,7 @@ class Session:
 def virtual_run(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> VirtualRun:
     """Runs the cases with an adapter of the same implementation, in virtual time."""
 
-    def judged(case: Case) -> str | None:
+    def judged(case: LiveCase) -> str | None:
         given = fitting(parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
         x = Exchange(oracle, adapter, given, scenario=adapter.hello.scenarios[0])
         try:

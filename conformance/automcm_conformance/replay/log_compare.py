@@ -125,7 +125,7 @@ def _is_acked(value: object) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class LogDifference:
     """The first difference; ``line`` is a line of the log.
 
     ``log`` or ``station`` is empty if nothing there corresponds to the other.
@@ -165,7 +165,7 @@ class LogComparison:
 
     names: Renaming
     late_ms: int
-    first: Difference | None = None
+    first: LogDifference | None = None
     _log: list[_Observed] = field(default_factory=list)
     _own: list[_Observed] = field(default_factory=list)
 
@@ -206,7 +206,7 @@ class LogComparison:
         if log == station:
             log, station = self._with_difference(*pair)
         line = pair[0].line if pair[0] is not None else unmatched.line
-        self.first = Difference(line, unmatched.t_ms, log, station)
+        self.first = LogDifference(line, unmatched.t_ms, log, station)
 
     def _with_difference(self, log: _Observed | None, own: _Observed | None) -> tuple[str, str]:
         """Both as text with the field that differs, if their usual texts are equal."""

@@ -29,7 +29,7 @@ from automcm_conformance.adapter.protocol import (
 )
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.replay.log_compare import Difference, LogComparison, Renaming
+from automcm_conformance.replay.log_compare import LogComparison, LogDifference, Renaming
 from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
 from automcm_conformance.scenarios.monitor import Monitor
 from automcm_spec.log_format.log import (
@@ -91,7 +91,7 @@ class Replayed:
     total: int = 0
     same: bool | None = None
     """Whether messages and indications equal the log's; None if the log is incomplete."""
-    difference: Difference | None = None
+    difference: LogDifference | None = None
     notes: list[str] = field(default_factory=list)
     """Parts left out, differences from the log, and warnings of the reader."""
     stderr: list[str] = field(default_factory=list)

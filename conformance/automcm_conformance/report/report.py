@@ -28,7 +28,7 @@ from automcm_spec.log_format.log import TimerEnd
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, printable
 from automcm_spec.support.templates import environment
-from automcm_traces.checker.finding import At, Finding, Why
+from automcm_traces.checker.finding import Finding, Where, Why
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
@@ -115,7 +115,7 @@ def _judge_by_kit(run: PageRun, case: CaseResult) -> None:
     found = Finding(
         "unexpected",
         shown.rule if shown else case.rules[0],
-        at=At(verdict.file, line),
+        at=Where(verdict.file, line),
         expected=tuple(shown.allowed) if shown else (),
         observed=f"{case.verdict}: {shown.what if shown else case.reason}",
         why=Why(shown.guard if shown else ""),

@@ -14,7 +14,7 @@ from typing import Any, cast
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.exchange import transcript
-from automcm_conformance.exchange.armed_timers import Clock, Running
+from automcm_conformance.exchange.armed_timers import ArmedTimers, Running
 from automcm_conformance.exchange.records import COMPLETE, bare
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
@@ -94,7 +94,7 @@ class Monitor:
             complete=COMPLETE,
         )
         self._engine = Engine(read(path).header, late_ms=0)
-        self._clock: Clock[Timer] = Clock()
+        self._clock: ArmedTimers[Timer] = ArmedTimers()
         self._joined_at: dict[int, int] = {}
         self._transmissions = 0
         self._at = 1

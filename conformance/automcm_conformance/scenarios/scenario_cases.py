@@ -20,10 +20,10 @@ from automcm_conformance.adapter.protocol import (
 )
 from automcm_conformance.scenarios.scenario_runner import (
     LEASE_MS,
-    Application,
-    Outcome,
     Play,
     PlayRun,
+    ScenarioOutcome,
+    ScriptedDriver,
     When,
 )
 from automcm_conformance.scenarios.scripted_radio import Rule
@@ -33,8 +33,8 @@ P, Q, R = 1001, 1002, 2002
 
 REQUEST = When("start", 500, "request")
 COMPLETE = When("ACTUATING", 1_000, "complete")
-PRESCRIBER = Application((REQUEST, COMPLETE))
-RECEIVER = Application(joins=True)
+PRESCRIBER = ScriptedDriver((REQUEST, COMPLETE))
+RECEIVER = ScriptedDriver(joins=True)
 BOTH = {P: PRESCRIBER, R: RECEIVER}
 DONE = {P: ("choose", "accepted"), R: ("verify", "finished")}
 CAM = ("CAM",)
@@ -47,30 +47,36 @@ def _both(*rules: Rule) -> Play:
 def _cut(*rules: Rule) -> Play:
     """No station completes the session, and both detect the loss of CAMs."""
     expected = {P: ("choose", "accepted", "fallback cam_loss"), R: ("verify", "fallback cam_loss")}
-    return Play({P: Application((REQUEST,)), R: RECEIVER}, rules, expected)
+    return Play({P: ScriptedDriver((REQUEST,)), R: RECEIVER}, rules, expected)
 
 
 def _fin_lost(lease_ms: int, reason: str) -> Play:
-    prescriber = Application((REQUEST, COMPLETE), lease_ms=lease_ms)
+    prescriber = ScriptedDriver((REQUEST, COMPLETE), lease_ms=lease_ms)
     expected = {P: DONE[P], R: ("verify", f"fallback {reason}")}
     return Play({P: prescriber, R: RECEIVER}, (Rule("lose", ("Fin",)),), expected)
 
 
 LOSSY = Play(BOTH, (Rule("lose", chance=0.2),), seeds=6)
 REORDERED = Play(
-    {P: PRESCRIBER, R: Application(joins=True, refuses=1, thinks_ms=1)},
+    {P: PRESCRIBER, R: ScriptedDriver(joins=True, refuses=1, thinks_ms=1)},
     (Rule("again", by_ms=10), Rule("jitter")),
     {P: ("choose", "propose", "accepted"), R: ("verify", "verify", "finished")},
     seeds=4,
 )
 # The Intention is given up before the choice, and the Acceptance while both stations act.
 NO_ACKS = Play(
-    {P: Application((REQUEST, When("ACTUATING", 3_000, "complete")), thinks_ms=250), R: RECEIVER},
+    {
+        P: ScriptedDriver((REQUEST, When("ACTUATING", 3_000, "complete")), thinks_ms=250),
+        R: RECEIVER,
+    },
     (Rule("lose", ("Ack",)),),
     DONE,
 )
 BOTH_PRESCRIBE = Play(
-    {P: PRESCRIBER, Q: Application((REQUEST, COMPLETE, When("no_participants", 2_500, "request")))}
+    {
+        P: PRESCRIBER,
+        Q: ScriptedDriver((REQUEST, COMPLETE, When("no_participants", 2_500, "request"))),
+    }
     | {R: RECEIVER},
     expected={
         P: DONE[P],
@@ -81,9 +87,9 @@ BOTH_PRESCRIBE = Play(
 # The receiver leaves the first prescriber for the second, and the first does not learn of it.
 RECEIVER_LEAVES = Play(
     {
-        P: Application((REQUEST, COMPLETE), thinks_ms=200),
-        Q: Application((When("start", 550, "request"), COMPLETE)),
-        R: Application((When("WAITING", 100, "abort", times=1),), joins=True),
+        P: ScriptedDriver((REQUEST, COMPLETE), thinks_ms=200),
+        Q: ScriptedDriver((When("start", 550, "request"), COMPLETE)),
+        R: ScriptedDriver((When("WAITING", 100, "abort", times=1),), joins=True),
     },
     (Rule("lose", ("Cancel",), src=R, dst=P),),
     {P: ("choose", "fallback no_agreement"), Q: DONE[P], R: DONE[R]},
@@ -91,7 +97,7 @@ RECEIVER_LEAVES = Play(
 # The first request after the restart comes during the quarantine, the second after it.
 RESTARTS = Play(
     {
-        P: Application(
+        P: ScriptedDriver(
             (
                 REQUEST,
                 When("ACTUATING", 500, "restart", times=1),
@@ -109,8 +115,8 @@ RESTARTS = Play(
 )
 ABORTS = Play(
     {
-        P: Application((REQUEST,)),
-        R: Application((When("ACTUATING", 500, "abort"),), joins=True),
+        P: ScriptedDriver((REQUEST,)),
+        R: ScriptedDriver((When("ACTUATING", 500, "abort"),), joins=True),
     },
     expected={P: ("choose", "accepted", "fallback abort"), R: ("verify",)},
 )
@@ -118,9 +124,9 @@ ABORTS = Play(
 # the receiver's commitment (ACT-6).
 ABORT_LOST = Play(
     {
-        P: Application((REQUEST,)),
-        Q: Application((When("start", 1_500, "request"),)),
-        R: Application(
+        P: ScriptedDriver((REQUEST,)),
+        Q: ScriptedDriver((When("start", 1_500, "request"),)),
+        R: ScriptedDriver(
             (When("ACTUATING", 300, "abort"), When("ACTUATING", 400, "request")), joins=True
         ),
     },
@@ -132,7 +138,8 @@ ABORT_LOST = Play(
     },
 )
 THREE = Play(
-    {P: Application((REQUEST, COMPLETE), target=3003)} | dict.fromkeys((R, 3003, 4004), RECEIVER),
+    {P: ScriptedDriver((REQUEST, COMPLETE), target=3003)}
+    | dict.fromkeys((R, 3003, 4004), RECEIVER),
     expected={
         P: DONE[P],
         R: ("fallback not_selected",),
@@ -148,7 +155,7 @@ CANCELS_LOST = Play(
 )
 # A copy of each Acceptance arrives after the next proposal has been sent.
 TWICE_REFUSED = Play(
-    {P: PRESCRIBER, R: Application(joins=True, refuses=2)},
+    {P: PRESCRIBER, R: ScriptedDriver(joins=True, refuses=2)},
     (Rule("again", ("Acceptance",), by_ms=60),),
     {
         P: ("choose", "propose", "propose", "accepted"),
@@ -197,7 +204,7 @@ def run(
     *,
     limit_s: float,
     seed: int,
-) -> Outcome:
+) -> ScenarioOutcome:
     """Run all plays of the scenario ``name`` with stations of the adapter ``command``.
 
     ``hello`` is its answer to hello; ``limit_s`` is the real time in seconds that an answer may
@@ -207,7 +214,7 @@ def run(
     plays = NAMES[name]
     missing = [need for need in needs(plays) if need not in hello.features]
     if missing:
-        return Outcome("SKIP", f"needs {', '.join(missing)}")
+        return ScenarioOutcome("SKIP", f"needs {', '.join(missing)}")
     stations = sorted({station for play in plays for station in play.stations})
     place = folder / "scenarios" / name.removeprefix("scenario ").replace(" ", "-")
     outcomes = []
@@ -220,7 +227,7 @@ def run(
             for process in processes.values():
                 read_hello(process.exchange([SAY_HELLO])[0])
         except (AdapterError, ProtocolError) as error:
-            return Outcome("ERROR", str(error), came=list(getattr(error, "stderr", ())))
+            return ScenarioOutcome("ERROR", str(error), came=list(getattr(error, "stderr", ())))
         for number, play in enumerate(plays, 1):
             for k in range(play.seeds):
                 at = place / f"{number}-{seed + k}"
@@ -236,4 +243,4 @@ def run(
     if unclear or len(bad) == len(outcomes):
         return unclear or bad[0]
     skipped = f"skipped {len(bad)} of {len(outcomes)} plays: {bad[0].reason}" if bad else ""
-    return Outcome("PASS", skipped, log=logs)
+    return ScenarioOutcome("PASS", skipped, log=logs)

@@ -19,10 +19,10 @@ from automcm_conformance.adapter.protocol import DEFAULTS, HelloAnswer, Object, 
 from automcm_conformance.exchange.results import Line, Verdict
 from automcm_conformance.exchange.wire import HOLD_MS
 from automcm_conformance.scenarios.monitor import Monitor
-from automcm_conformance.scenarios.scripted_radio import Radio, Rule
+from automcm_conformance.scenarios.scripted_radio import Rule, ScriptedRadio
 from automcm_spec.vocabulary.parameters import derived, durations
 from automcm_spec.vocabulary.station import Input
-from automcm_traces.checker.finding import NOTHING_WRONG, At, Diverges, Finding
+from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, Where
 from automcm_traces.checker.track import CannotTell, Track
 
 START_MS = 1_000
@@ -49,7 +49,7 @@ class When:
 
 
 @dataclass(frozen=True, slots=True)
-class Application:
+class ScriptedDriver:
     """The behaviour of one station's application."""
 
     actions: tuple[When, ...] = ()
@@ -72,7 +72,7 @@ class Play:
     end, by name and in order.  ``fallback`` may have its reason appended.
     """
 
-    stations: Mapping[int, Application]
+    stations: Mapping[int, ScriptedDriver]
     radio: tuple[Rule, ...] = ()
     expected: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     seeds: int = 1
@@ -80,7 +80,7 @@ class Play:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ScenarioOutcome:
     """The outcome of a scenario."""
 
     verdict: Verdict
@@ -155,7 +155,7 @@ class PlayRun:
         self._lines: list[Line] = []
         self._stations: dict[int, Monitor] = {}
         self._parameters = DEFAULTS | {str(name): ms for name, ms in hello.fixed.items()}
-        self._radio = Radio(play.radio, self._parameters, seed)
+        self._radio = ScriptedRadio(play.radio, self._parameters, seed)
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
         self._order = 0
         self._pending = 0
@@ -168,7 +168,7 @@ class PlayRun:
         self._at = 0
         """The station that gets the current command."""
 
-    def outcome(self, folder: Path) -> Outcome:
+    def outcome(self, folder: Path) -> ScenarioOutcome:
         """Run the play and return its outcome.  Logs are named relative to ``folder``.
 
         Raises OSError.
@@ -179,13 +179,15 @@ class PlayRun:
         except Diverges as d:
             return self._not_allowed(folder, d)
         except _PropertyBroken as error:
-            return self._with_logs(folder, Outcome("FAIL", finding=error.finding))
+            return self._with_logs(folder, ScenarioOutcome("FAIL", finding=error.finding))
         except CannotTell as error:
             return self._inconclusive(folder, f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
             end = "crash"
             came = list(getattr(error, "stderr", ()))
-            return self._with_logs(folder, Outcome("ERROR", f"{self._at}: {error}", came=came))
+            return self._with_logs(
+                folder, ScenarioOutcome("ERROR", f"{self._at}: {error}", came=came)
+            )
         finally:
             for monitor in self._stations.values():
                 monitor.end(end)
@@ -194,27 +196,27 @@ class PlayRun:
             if len(found) != len(expected) or not all(map(_matches, expected, found)):
                 text = f"every step is allowed, but {station} indicated {', '.join(found)}"
                 return self._inconclusive(folder, f"{text}; expected {', '.join(expected)}")
-        return self._with_logs(folder, Outcome("PASS"))
+        return self._with_logs(folder, ScenarioOutcome("PASS"))
 
-    def _inconclusive(self, folder: Path, text: str) -> Outcome:
+    def _inconclusive(self, folder: Path, text: str) -> ScenarioOutcome:
         """Every step is allowed, so parameters that are not the default must be the reason."""
         fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[str(n)] != ms]
         if not fixed:
-            return self._with_logs(folder, Outcome("INCONC", text))
+            return self._with_logs(folder, ScenarioOutcome("INCONC", text))
         text = f"not applicable with {' and '.join(fixed)}: {text}"
-        return self._with_logs(folder, Outcome("SKIP", text))
+        return self._with_logs(folder, ScenarioOutcome("SKIP", text))
 
-    def _with_logs(self, folder: Path, outcome: Outcome) -> Outcome:
+    def _with_logs(self, folder: Path, outcome: ScenarioOutcome) -> ScenarioOutcome:
         logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
         lines = [] if outcome.verdict == "PASS" else self._lines[-SHOWN:]
         return replace(outcome, lines=lines, log=logs)
 
-    def _not_allowed(self, folder: Path, d: Diverges) -> Outcome:
+    def _not_allowed(self, folder: Path, d: Diverges) -> ScenarioOutcome:
         found = self._stations.get(self._at)
         last = None if found is None else found.last
-        outcome = Outcome(
+        outcome = ScenarioOutcome(
             "FAIL",
-            finding=replace(d.finding, at=At(str(self._at), d.finding.at.line)),
+            finding=replace(d.finding, at=Where(str(self._at), d.finding.at.line)),
             input=last.input if last is not None and d.finding.rule == last.rule else None,
             came=[line.text for line in self._lines[-1:] if line.who == "station"],
         )

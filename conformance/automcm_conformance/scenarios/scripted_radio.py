@@ -33,7 +33,7 @@ class Rule:
     by_ms: int = 0
 
 
-class Radio:
+class ScriptedRadio:
     """Applies ``rules`` to each copy; without a rule a copy takes a tenth of t_resend.
 
     ``parameters`` are those of ``reset``.  The same ``seed`` gives the same delays and losses.

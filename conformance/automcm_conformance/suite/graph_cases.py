@@ -15,7 +15,7 @@ from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_p
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
-    Link,
+    LineLink,
     Mismatch,
     Step,
     Unpredicted,
@@ -29,7 +29,7 @@ from automcm_conformance.suite.tally import (
     ENOUGH,
     WHOLE,
     Fault,
-    Part,
+    PairPart,
     PartRun,
     Tally,
     TourInProgress,
@@ -94,7 +94,7 @@ class Runner:
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
         """The case that is blamed for wrong marks, wherever they occur."""
-        self.parts: list[Part] = []
+        self.parts: list[PairPart] = []
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
         self.broke = False
@@ -154,7 +154,7 @@ class Runner:
         predict: bool = False,
         logged: bool = True,
         limits: Mapping[str, int] | None = None,
-        link: Link | None = None,
+        link: LineLink | None = None,
     ) -> Exchange:
         """An exchange with a fresh station over the adapter or another ``link``, by default with
         the limits of the graph. Parameters that need a missing feature are omitted."""
@@ -184,7 +184,7 @@ class Runner:
 
     # -- which pairs
 
-    def graph(self, part: Part, answers: Iterable[OracleAnswer], owners: Owners) -> None:
+    def graph(self, part: PairPart, answers: Iterable[OracleAnswer], owners: Owners) -> None:
         """Test these pairs of a graph. Their time is shared by the cases they belong to."""
         before = {name: tally.reached for name, tally in self.tallies.items()}
         started = monotonic()
@@ -196,7 +196,7 @@ class Runner:
         for name, pairs in driven.items():
             self.case_seconds[name] = self.case_seconds.get(name, 0.0) + pairs * each
 
-    def plan(self, part: Part, answers: Iterable[OracleAnswer], owners: Owners) -> PartRun:
+    def plan(self, part: PairPart, answers: Iterable[OracleAnswer], owners: Owners) -> PartRun:
         """The pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         oracle = part.oracle
@@ -258,7 +258,7 @@ class Runner:
             for i in list(tours.left[state]):
                 self._forbidden(part, tours.done((state, i)))
 
-    def _tally(self, part: Part, owners: Owners, answer: OracleAnswer) -> Tally | None:
+    def _tally(self, part: PairPart, owners: Owners, answer: OracleAnswer) -> Tally | None:
         """The case of a pair, if it is part of the run."""
         state, i = part.oracle.states[answer.state], part.oracle.inputs[answer.input]
         owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
@@ -411,20 +411,20 @@ class Runner:
             if run.attempts[active.off] >= ATTEMPTS:
                 self._forbidden(run.part, tours.avoid(active.off))
 
-    def _forbidden(self, part: Part, case: str | None) -> None:
+    def _forbidden(self, part: PairPart, case: str | None) -> None:
         """Count a pair that time does not allow."""
         if case is not None:
             part.forbidden += 1
             self.tallies[case].forbidden += 1
 
-    def _credit(self, part: Part, tours: Tours, steps: Iterable[Step]) -> None:
+    def _credit(self, part: PairPart, tours: Tours, steps: Iterable[Step]) -> None:
         for step in steps:
             for pair in step.pairs:
                 case = tours.done(pair)
                 if case is not None:
                     self._reached(part, case, pair)
 
-    def _reached(self, part: Part, case: str, pair: Pair) -> None:
+    def _reached(self, part: PairPart, case: str, pair: Pair) -> None:
         tally = self.tallies[case]
         tally.reached += 1
         changes = part.oracle.is_move(*pair)
@@ -519,7 +519,7 @@ class Runner:
             self.adapter.renew()
 
     def _culprit(
-        self, part: Part, inputs: list[int], error: Wrong, least: bool
+        self, part: PairPart, inputs: list[int], error: Wrong, least: bool
     ) -> tuple[Pair, str]:
         """The pair to blame for a wrong exchange, and the reason if it is not the last one.
         ``least``: nothing can be left out of the exchange."""
@@ -559,7 +559,7 @@ class Runner:
 
     def fault(
         self,
-        part: Part,
+        part: PairPart,
         pair: Pair | None,
         error: Wrong,
         purpose: Purpose | None,

@@ -18,13 +18,13 @@ from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import off_graph_cases as special_
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
-from automcm_conformance.suite.tally import Part, Tally
+from automcm_conformance.suite.tally import PairPart, Tally
 
 COLLECT = 50
 """Garbage is collected after so many exchanges."""
 
 
-def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
+def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> None:
     """Run a case by its name."""
     tally = runner.tallies[purpose.id]
     tally.total = 1
@@ -32,7 +32,7 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     if missing or runner.cut_short:
         tally.skipped.update(sorted(missing)[:1])
         return
-    part = Part(part.name, special_.graph(purpose.case, part.oracle))
+    part = PairPart(part.name, special_.graph(purpose.case, part.oracle))
     fresh = partial(runner.exchange, part.oracle)
     steps: list[Step] = []
     count = infeasible = 0
@@ -85,7 +85,7 @@ def samples(runner: Runner, folder: Path) -> None:
             _sample(runner, tally, *tally.sample, folder)
 
 
-def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) -> None:
+def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Path) -> None:
     way = part.tours.path(pair[0]) if part.tours is not None else None
     if way is None:
         return

@@ -18,7 +18,7 @@ from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.off_graph_cases import TWO, two_peers
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.purposes import load as load_purposes
-from automcm_conformance.suite.tally import WHOLE, Part
+from automcm_conformance.suite.tally import WHOLE, PairPart
 from automcm_conformance.suite.verdicts import Expectations, report
 from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
@@ -135,16 +135,16 @@ def tours(runner: Runner, graphs: Graphs) -> None:
     """Test the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
     limits = graphs.limits if "MEM-1" in rules else []
-    runner.graph(Part("one-peer", graphs.one), graphs.pairs(rules), owners)
+    runner.graph(PairPart("one-peer", graphs.one), graphs.pairs(rules), owners)
     if not runner.quick:
         third = [answer for answer in graphs.third if answer.effect.rule in rules]
-        runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
-    runner.graph(Part("tight, MEM-1", graphs.tight), limits, owners)
+        runner.graph(PairPart("two-peers, beyond one-peer", graphs.two, True), third, owners)
+    runner.graph(PairPart("tight, MEM-1", graphs.tight), limits, owners)
 
 
 def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
     """Run the named cases. Between them garbage is collected, without the permanent values."""
-    part = Part("special", graphs.one)
+    part = PairPart("special", graphs.one)
     gc.freeze()
     try:
         for purpose in purposes:

@@ -11,7 +11,7 @@ from automcm_conformance.exchange.play import Wrong
 from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC, Verdict
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import Values
-from automcm_conformance.scenarios.scenario_runner import Outcome
+from automcm_conformance.scenarios.scenario_runner import ScenarioOutcome
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_spec.graph.oracle import Oracle
 from automcm_traces.checker.finding import Finding, Kind
@@ -27,7 +27,7 @@ ENOUGH = 3
 
 
 @dataclass(slots=True)
-class Part:
+class PairPart:
     """Some pairs of one graph."""
 
     name: str
@@ -90,10 +90,10 @@ class Tally:
     skipped: Counter[str] = field(default_factory=Counter)
     """The numbers of omitted pairs, by reason."""
     faults: list[Fault] = field(default_factory=list)
-    sample: tuple[Part, Pair] | None = None
+    sample: tuple[PairPart, Pair] | None = None
     """A pair that was driven."""
     log: str = ""
-    outcome: Outcome | None = None
+    outcome: ScenarioOutcome | None = None
     """The outcome of a scenario."""
 
     @property
@@ -125,7 +125,7 @@ class TourInProgress:
 class PartRun:
     """The tours over one part, in a run."""
 
-    part: Part
+    part: PairPart
     owners: Owners
     tours: Tours
     planned: int

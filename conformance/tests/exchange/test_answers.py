@@ -11,7 +11,7 @@ import pytest
 from automcm_conformance.adapter.protocol import ProtocolError
 from automcm_conformance.exchange import answers, records
 from automcm_conformance.exchange.armed_timers import UNKNOWN
-from automcm_conformance.exchange.wire import Expected
+from automcm_conformance.exchange.wire import Required
 from automcm_spec.support.bad_input import BadInput
 
 NOTHING: dict[str, Any] = {"messages": [], "indications": [], "deadline": None}
@@ -24,7 +24,7 @@ def line(**fields: Any) -> bytes:
 
 @pytest.mark.parametrize("marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [7, {}]])
 def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
-    expected = Expected(marks=[[[1, 1], [1, 2]]])
+    expected = Required(marks=[[[1, 1], [1, 2]]])
     cam = {"type": "CAM", "generation_ms": 5}
     assert not answers.differences(expected, line(cams=[cam | {"marks": [[1, 2], [1, 1]]}]))
     ((part, text, _),) = answers.differences(expected, line(cams=[cam | {"marks": marks}]))
@@ -38,7 +38,7 @@ def test_act_5_a_cam_has_the_marks_of_the_time_at_which_it_is_due(
     due: int, allowed: list[int]
 ) -> None:
     marks = [[[1, n]] for n in (1, 2, 3)]
-    expected = Expected(marks=marks, marks_since=[0, 100, 200])
+    expected = Required(marks=marks, marks_since=[0, 100, 200])
     for n, mark in enumerate(marks, 1):
         cam = {"type": "CAM", "generation_ms": due, "marks": mark}
         assert bool(answers.differences(expected, line(cams=[cam]))) == (n not in allowed)
@@ -46,21 +46,21 @@ def test_act_5_a_cam_has_the_marks_of_the_time_at_which_it_is_due(
 
 def test_half_of_a_surrogate_pair_is_no_answer() -> None:
     with pytest.raises(ProtocolError, match="not JSON"):
-        answers.differences(Expected(), line(messages=[FIN | {"x": "\ud800"}]))
+        answers.differences(Required(), line(messages=[FIN | {"x": "\ud800"}]))
 
 
 @pytest.mark.parametrize("number", ["1.5", "20.0", "1e3", "12E3", "NaN", "-Infinity"])
 def test_a_message_holds_no_float(number: str) -> None:
     text = line(cams=[{"type": "CAM", "generation_ms": 5, "x_mm": 0}]).decode()
-    assert not answers.differences(Expected(), text.encode())
+    assert not answers.differences(Required(), text.encode())
     with pytest.raises(ProtocolError, match="is not an integer"):
-        answers.differences(Expected(), text.replace('"x_mm": 0', f'"x_mm": {number}').encode())
+        answers.differences(Required(), text.replace('"x_mm": 0', f'"x_mm": {number}').encode())
 
 
 @pytest.mark.parametrize("name", NOTHING)
 @pytest.mark.parametrize("sent", [[], [FIN]])
 def test_each_field_is_needed(name: str, sent: list[Any]) -> None:
-    expected = Expected(messages=sent, deadline=UNKNOWN)
+    expected = Required(messages=sent, deadline=UNKNOWN)
     right = json.loads(line(messages=sent))
     assert not answers.differences(expected, json.dumps(right).encode())
     del right[name]
@@ -70,9 +70,9 @@ def test_each_field_is_needed(name: str, sent: list[Any]) -> None:
 
 @pytest.mark.parametrize("deadline", [True, 1.0])
 def test_a_deadline_is_an_integer(deadline: object) -> None:
-    assert not answers.differences(Expected(deadline=1), line(deadline=1))
+    assert not answers.differences(Required(deadline=1), line(deadline=1))
     with pytest.raises(ProtocolError):
-        answers.differences(Expected(deadline=1), line(deadline=deadline))
+        answers.differences(Required(deadline=1), line(deadline=deadline))
 
 
 def test_a_fault_of_the_kit_is_no_wrong_answer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,7 @@ def test_a_fault_of_the_kit_is_no_wrong_answer(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(answers, "_messages", broken)
     with pytest.raises(KeyError, match="ours"):
-        answers.differences(Expected(), line(messages=[FIN]))
+        answers.differences(Required(), line(messages=[FIN]))
 
 
 STEP = {"now": 0, "line": {}, "expected": {}}
@@ -116,12 +116,12 @@ def test_a_replay_is_read(tmp_path: Path) -> None:
     path.write_text(json.dumps(REPLAY | {"steps": [STEP]}))
     about, (step,) = records.read_replay(path)
     assert about == {"case": "c", "rule": "r", "what": "w"}
-    assert (step.now, step.line, step.expected) == (0, b"{}\n", Expected())
+    assert (step.now, step.line, step.expected) == (0, b"{}\n", Required())
 
 
 def test_differences_are_in_the_words_of_json() -> None:
     refused = {"name": "refused"}
-    expected = Expected(indications=[refused])
+    expected = Required(indications=[refused])
     found = [p.text for p in answers.differences(expected, line(deadline=5))]
     assert found == [
         "indications: expected refused, got none",
@@ -131,6 +131,6 @@ def test_differences_are_in_the_words_of_json() -> None:
 
 def test_many_messages_that_are_missing_are_counted() -> None:
     sent = [{"type": "Cancel", "session": [1, 1], "seq": n, "dst": n} for n in range(2, 18)]
-    first, more = answers.differences(Expected(messages=sent), line())
+    first, more = answers.differences(Required(messages=sent), line())
     assert first.text.startswith('not sent: Cancel {"type":"Cancel"')
     assert more.text == "not sent: 15 more of type Cancel" and more.kind == first.kind

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
+from automcm_conformance.exchange.armed_timers import UNKNOWN, ArmedTimers
 from automcm_spec.vocabulary.station import Entry, Timer
 
 
 def test_timers_fire_by_deadline_then_rank_then_age() -> None:
-    clock: Clock[Timer] = Clock()
+    clock: ArmedTimers[Timer] = ArmedTimers()
     clock.arm(("lease",), 200)
     clock.arm(("cam",), 200)
     clock.arm(("forget", 3), 100)
@@ -19,7 +19,7 @@ def test_timers_fire_by_deadline_then_rank_then_age() -> None:
 
 
 def test_an_older_message_is_sent_again_first() -> None:
-    clock: Clock[Timer] = Clock()
+    clock: ArmedTimers[Timer] = ArmedTimers()
     one, two = (("resend", Entry("Cancel", p, (1, 1), 1, False)) for p in (2, 3))
     for timer in (one, two, one):  # armed anew, and still the older one
         clock.arm(timer, 100, timer, "Cancel")
@@ -27,7 +27,7 @@ def test_an_older_message_is_sent_again_first() -> None:
 
 
 def test_what_only_the_station_knows_is_not_sure() -> None:
-    clock: Clock[Timer] = Clock()
+    clock: ArmedTimers[Timer] = ArmedTimers()
     clock.arm(("backoff",), UNKNOWN)
     assert clock.first is None and not clock.sure
     clock.learn(("backoff",), 700)

@@ -15,9 +15,9 @@ from automcm_conformance.explore.walks import (
     JUDGED,
     PLANNED,
     Act,
-    Coverage,
     Faults,
     Setting,
+    WalkCoverage,
     Walker,
 )
 from automcm_conformance.suite.graph_cases import Runner
@@ -45,7 +45,7 @@ def test_walks_go_where_none_has_been() -> None:
     from random import Random
 
     oracle = graph(ONE_PEER.path)
-    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
+    coverage = WalkCoverage("one-peer", oracle, [True] * len(oracle.inputs), False)
     (first,) = itertools.islice(oracle.moves(0), 1)
     assert coverage.has_new(0)
     for i in oracle.moves(0):
@@ -97,7 +97,7 @@ def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
 
 def test_a_case_says_what_it_was_played_with() -> None:
     oracle = graph(ONE_PEER.path)
-    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
+    coverage = WalkCoverage("one-peer", oracle, [True] * len(oracle.inputs), False)
     walk = explore.Walk(12, coverage, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
     assert walk.id(7) == "EXPLORE/7/12/one-peer/natural/again5-late0-odd40-silent20"
 

@@ -21,7 +21,7 @@ from live_stage import oracle as oracle
 from automcm_cli.conform import conform_live
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, Case, virtual_run
+from automcm_conformance.live.live_cases import CASES, LiveCase, virtual_run
 from automcm_conformance.suite.scripts import expire
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle
@@ -257,7 +257,7 @@ def test_a_case_can_be_repeated_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*REFERENCE) as reference:
         judged = virtual_run(oracle, reference, DEFAULTS)
         assert [judged(case) for case in CASES] == [""] * len(CASES)
-        assert judged(Case("too long", (), "", [expire("lease")])) is None
+        assert judged(LiveCase("too long", (), "", [expire("lease")])) is None
 
 
 def test_a_slow_station_fails_in_virtual_time(oracle: Oracle) -> None:

@@ -24,7 +24,13 @@ from automcm_conformance.scenarios.scenario_cases import (
     Q,
     R,
 )
-from automcm_conformance.scenarios.scenario_runner import Application, Outcome, Play, When, hazard
+from automcm_conformance.scenarios.scenario_runner import (
+    Play,
+    ScenarioOutcome,
+    ScriptedDriver,
+    When,
+    hazard,
+)
 from automcm_conformance.suite import purposes
 from automcm_spec.vocabulary.rules import RULES, line
 from automcm_traces.checker.finding import NOTHING_WRONG
@@ -45,7 +51,7 @@ REFERENCE = broken()
 
 def run(
     name: str, command: list[str], folder: Path, hello: HelloAnswer = HELLO, **more: Any
-) -> Outcome:
+) -> ScenarioOutcome:
     more = {"limit_s": 10.0, "seed": 1} | more
     return scenario_cases.run(name, command, hello, folder, **more)
 
@@ -125,7 +131,7 @@ def crowd(stations: int) -> Play:
     """A prescriber that takes the highest of all others, in two sessions."""
     others = range(2001, 2000 + stations)
     again = When("STANDALONE", 3_000, "request", times=1)
-    prescriber = Application((REQUEST, COMPLETE, again), target=others[-1])
+    prescriber = ScriptedDriver((REQUEST, COMPLETE, again), target=others[-1])
     expected = dict.fromkeys(others[:-1], ("fallback not_selected",) * 2)
     return Play(
         {P: prescriber} | dict.fromkeys(others, RECEIVER),
@@ -173,7 +179,7 @@ def test_what_stands_beside_the_fields_of_an_indication_is_not_looked_at(tmp_pat
 
 @pytest.mark.slow
 def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for_ever = Application(BOTH[P].actions[:1], lease_ms=10**6)
+    for_ever = ScriptedDriver(BOTH[P].actions[:1], lease_ms=10**6)
     monkeypatch.setitem(NAMES, "scenario all arrives", (Play({**BOTH, P: for_ever}),))
     outcome = run("scenario all arrives", REFERENCE, tmp_path)
     assert (outcome.verdict, outcome.finding.property) == ("FAIL", "L-1")

@@ -15,7 +15,7 @@ from automcm_conformance.adapter.protocol import ProtocolError
 from automcm_conformance.exchange import records, tours
 from automcm_conformance.exchange.answers import differences
 from automcm_conformance.exchange.exchange import Mismatch
-from automcm_conformance.exchange.wire import Expected, Wire
+from automcm_conformance.exchange.wire import Required, Wire
 from automcm_conformance.suite import graph_cases
 from automcm_spec.vocabulary.station import Message
 
@@ -200,7 +200,7 @@ def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
     ],
 )
 def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
-    expected = Expected(phase="WAITING", marks=[[], []])
+    expected = Required(phase="WAITING", marks=[[], []])
     line = f'{{{part},"deadline":null,"phase":"WAITING"}}'.encode()
     with pytest.raises(ProtocolError):
         differences(expected, line)
@@ -212,7 +212,7 @@ def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
 def test_no_value_of_another_type_is_taken(name: str, wanted: object, found: object) -> None:
     type_ = "Acceptance" if name == "accepted" else "Prescription"
     message = {"type": type_, "session": [2, 1], "seq": 1, name: wanted}
-    expected = Expected(messages=[message], phase="ACTUATING")
+    expected = Required(messages=[message], phase="ACTUATING")
     answer = {"messages": [message], "indications": [], "deadline": None}
     assert differences(expected, json.dumps(answer).encode()) == []
     answer["messages"] = [message | {name: found}]

@@ -29,7 +29,7 @@ a received message differs from the sent one. ``property``: a system property (S
 violated. ``format``: a check of lint failed."""
 
 
-class At(NamedTuple):
+class Where(NamedTuple):
     """A place in a file; line 0 means the whole file, an empty field the whole line."""
 
     file: str = ""
@@ -37,7 +37,7 @@ class At(NamedTuple):
     field: str = ""
 
 
-NOWHERE = At()
+NOWHERE = Where()
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Finding:
     rule: str = ""
     """A rule id of docs/protocol.md; for the kind ``format``, the name of the check."""
     property: str = ""
-    at: At = NOWHERE
+    at: Where = NOWHERE
     expected: tuple[str, ...] = ()
     observed: str = ""
     """The event observed instead, as text."""
@@ -87,12 +87,12 @@ NOTHING_WRONG = Finding("nothing")
 
 def cannot_tell(file: str, line: int, why: str) -> Finding:
     """A finding for a log that is insufficient for a verdict."""
-    return Finding("cannot_tell", at=At(file, line), observed=why)
+    return Finding("cannot_tell", at=Where(file, line), observed=why)
 
 
 def unreadable(error: BadInput) -> Finding:
     """A finding for a file that cannot be read, from some line on."""
-    return Finding("unreadable", at=At(error.path, error.line, error.field), observed=error.what)
+    return Finding("unreadable", at=Where(error.path, error.line, error.field), observed=error.what)
 
 
 Seen = tuple[str, Fields | Timer | str]
@@ -123,7 +123,7 @@ class Diverges(Exception):
         mismatch: int = 0,
     ) -> None:
         super().__init__(event)
-        found = Finding(self.kind, rule, "", At("", at), tuple(wanted), event, Why(guard))
+        found = Finding(self.kind, rule, "", Where("", at), tuple(wanted), event, Why(guard))
         if seen is not None and self.kind == "missing":
             found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
         self.finding = found

@@ -21,10 +21,10 @@ from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
     NOTHING_WRONG,
-    At,
     Finding,
     Kind,
     Supposition,
+    Where,
     cannot_tell,
     unreadable,
 )
@@ -259,7 +259,7 @@ def forged(logs: Sequence[Log]) -> dict[str, Finding]:
         file: Finding(
             "forged",
             "forged",
-            at=At(file, at),
+            at=Where(file, at),
             expected=tuple(_as_sent(original, e.message or {})) if original else (),
             observed=_forged_as(e, original),
         )

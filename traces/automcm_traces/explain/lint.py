@@ -28,7 +28,7 @@ from automcm_spec.log_format.reader import LONGEST_LINE, NotJsonError, cut, pars
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.checker.finding import At, Finding
+from automcm_traces.checker.finding import Finding, Where
 from automcm_traces.checker.track import PHASES, ROLES
 
 Json = Any
@@ -424,7 +424,7 @@ class _Lint:
             yield self._promise(problem)
 
     def _promise(self, problem: str) -> Finding:
-        return Finding("format", "complete", at=At(self._file, 1, "complete"), observed=problem)
+        return Finding("format", "complete", at=Where(self._file, 1, "complete"), observed=problem)
 
     def _found(self, check: str, field: str, problem: str) -> Finding:
-        return Finding("format", check, at=At(self._file, self._line, field), observed=problem)
+        return Finding("format", check, at=Where(self._file, self._line, field), observed=problem)

@@ -17,7 +17,7 @@ from automcm_conformance.adapter.process import Process
 from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.suite_run import uncollected
-from automcm_conformance.suite.tally import Part
+from automcm_conformance.suite.tally import PairPart
 from automcm_spec.graph.oracle import Oracle
 
 LIMIT_S = 60.0
@@ -79,7 +79,7 @@ def measure(
     adapter = _Recorder(command)
     runner = Runner(adapter, purposes, 1, notify)
     everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
-    drive = runner.plan(Part(f"{language}, checked", oracle), everything, Owners(purposes))
+    drive = runner.plan(PairPart(f"{language}, checked", oracle), everything, Owners(purposes))
     with uncollected():
         start = perf_counter()
         runner.tour(drive)
