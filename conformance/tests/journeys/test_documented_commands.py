@@ -82,9 +82,7 @@ TRAFFIC = Parsed("needs SUMO: reference/tests/foreign_traffic.py runs it")
 SEEDS = By("test_simulate_command.py::test_a_traffic_sweep_continues")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
-SHOWN = By(
-    "conformance/tests/journeys/test_pages_code.py::test_an_excerpt_is_what_the_command_prints"
-)
+SHOWN = By("test_pages_code.py::test_an_excerpt_is_what_the_command_prints")
 SWEEP = Parsed("minutes; test_experiment_cli.py runs a sweep that is short")
 SYNOPSIS = Parsed("says what may be typed")
 
