@@ -28,10 +28,10 @@ from automcm_simulation.traffic import lanelet_network
 from automcm_simulation.traffic.distance_guard import LEFT_M, limits
 from automcm_simulation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
 from automcm_simulation.traffic.sumo_mover import NETWORKS, SUBLANE_M, SumoMover, sumo_home
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.intersection_traffic import LaneletIntersection
-from automcm_simulation.traffic_scenarios.traffic_run import RadioName, Run, wrong
+from automcm_simulation.traffic_scenarios.traffic_run import RadioName, TrafficRun, wrong
 from automcm_spec.support.extras import missing
 from automcm_traces.explain.explain import explain_files
 
@@ -57,7 +57,9 @@ def a_run_without_stations_has_a_record() -> None:
     for name, scenario in SCENARIOS.items():
         if isinstance(scenario, LaneletIntersection) and missing("map") is not None:
             continue
-        run = Run(scenario=name, setting=Setting(penetration=0.0, vehicles=6, duration_s=2.0))
+        run = TrafficRun(
+            scenario=name, setting=TrafficSetting(penetration=0.0, vehicles=6, duration_s=2.0)
+        )
         assert run.record(run.drive())["outcome"], name
 
 
@@ -66,8 +68,8 @@ def sumo_drives_along_the_lanelets() -> None:
         print(f"SKIPPED: Lanelet2 {reason}")
         return
     lanes = lanelet_network.lane_map(NETWORKS / "town.osm")
-    setting, scenario = Setting(vehicles=9, duration_s=10.0), LaneletIntersection()
-    traffic = Run(scenario=scenario.name, setting=setting).drive()
+    setting, scenario = TrafficSetting(vehicles=9, duration_s=10.0), LaneletIntersection()
+    traffic = TrafficRun(scenario=scenario.name, setting=setting).drive()
     for route, lanelets in ((scenario.turning, (10, 30, 31)), (scenario.oncoming, (20, 21, 22))):
         driven = traffic.mover.line(route)
         middle = lanes.line(lanelets, reach=driven.reach)
@@ -93,8 +95,8 @@ def a_drive_over_ns3_repeats_and_is_not_that_over_its_table() -> None:
     records = []
     radios: tuple[RadioName, ...] = "ns3", "table", "ns3"
     for radio in radios:
-        setting = Setting(seed=3, vehicles=10, duration_s=10.0)
-        run = Run(scenario="lane-change", setting=setting, radio=radio)
+        setting = TrafficSetting(seed=3, vehicles=10, duration_s=10.0)
+        run = TrafficRun(scenario="lane-change", setting=setting, radio=radio)
         record = run.record(run.drive())
         assert record["sessions"]["agreed"] and not wrong(record), record
         del record["setting"]
@@ -103,7 +105,9 @@ def a_drive_over_ns3_repeats_and_is_not_that_over_its_table() -> None:
 
 
 def every_log_is_allowed() -> None:
-    run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
+    run = TrafficRun(
+        scenario="lane-change", setting=TrafficSetting(seed=3, vehicles=10, duration_s=SECONDS)
+    )
     with tempfile.TemporaryDirectory() as folder:
         traffic = run.drive(logs=Path(folder))
         assert traffic.stations.completed, "there is a maneuver to judge"
@@ -113,7 +117,9 @@ def every_log_is_allowed() -> None:
 
 def a_prescription_is_driven_and_not_teleported() -> None:
     """Nobody moves further in a step than its speed allows, along or to the side."""
-    run = Run(scenario="lane-change", setting=Setting(seed=3, vehicles=10, duration_s=SECONDS))
+    run = TrafficRun(
+        scenario="lane-change", setting=TrafficSetting(seed=3, vehicles=10, duration_s=SECONDS)
+    )
     last: dict[int, tuple[float, float]] = {}
     far: list[tuple[int, float, float]] = []
 
@@ -133,8 +139,8 @@ def a_prescription_is_driven_and_not_teleported() -> None:
 def nobody_stands_across_a_lane() -> None:
     """The rear stays within a sublane of where SUMO's followers take it to be, and nobody collides.
     Without the bound, lorry 18 stops across two lanes."""
-    setting = Setting(seed=6, vehicles=60, density=200.0, penetration=1.0, duration_s=30.0)
-    run = Run(scenario="lane-change-4", setting=setting)
+    setting = TrafficSetting(seed=6, vehicles=60, density=200.0, penetration=1.0, duration_s=30.0)
+    run = TrafficRun(scenario="lane-change-4", setting=setting)
     aside: list[float] = []
 
     class Watch:

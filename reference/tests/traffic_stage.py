@@ -7,12 +7,12 @@ from pathlib import Path
 
 from automcm.applications.vehicle import STRAIGHT, Vehicle
 from automcm.kernels.road_line import RoadLine
-from automcm_simulation.radio.radio import Radio
+from automcm_simulation.radio.radio import RadioModel
 from automcm_simulation.road.road import Road
 from automcm_simulation.traffic.even_radio import EvenRadio
 from automcm_simulation.traffic.mover import Body, RoadUser
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.lane_change_traffic import LaneChanges
 
 SIDE_M_S = 3.5 / 4
@@ -73,11 +73,13 @@ def traffic(
     duration_s: float = 30.0,
     logs: Path | None = None,
     scenario: LaneChanges = TWO,
-    radio: Radio | None = None,
+    radio: RadioModel | None = None,
     observe: Callable[[Traffic], None] = lambda traffic: None,
 ) -> tuple[Traffic, RoadMover]:
     """Traffic before its run."""
-    setting = Setting(seed=seed, vehicles=vehicles, penetration=penetration, duration_s=duration_s)
+    setting = TrafficSetting(
+        seed=seed, vehicles=vehicles, penetration=penetration, duration_s=duration_s
+    )
     users = scenario.users(setting)
     mover = RoadMover(users)
     made = Traffic(

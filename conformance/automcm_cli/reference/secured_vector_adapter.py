@@ -10,7 +10,7 @@ from typing import Any
 from automcm.encoding.codec import JSON
 from automcm.security import certificates, cose
 from automcm.security.cose import Malformed
-from automcm.security.verifier import Accepted, Verifier
+from automcm.security.verifier import Verified, Verifier
 from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any
@@ -41,7 +41,7 @@ def envelope(given: Json) -> Json:
     verifier = Verifier(authorities, JSON, Parameters())
     own = bytes.fromhex(given["own"] or "")
     verdicts: list[str] = []
-    accepted: dict[int, Accepted] = {}
+    accepted: dict[int, Verified] = {}
     for n, event in enumerate(given["events"]):
         if "revocations" in event:
             taken = verifier.revoke(bytes.fromhex(event["revocations"]))
@@ -51,7 +51,7 @@ def envelope(given: Json) -> Json:
         data = bytes.fromhex(event["envelope"])
         for verdict in verifier.receive(data, event["now"], str(n), own):
             of = int(verdict.datagram.tx or "")
-            if isinstance(verdict, Accepted):
+            if isinstance(verdict, Verified):
                 verdicts[of], accepted[of] = "accepted", verdict
             else:
                 verdicts[of] = str(verdict.reason)

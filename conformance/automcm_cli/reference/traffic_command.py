@@ -75,17 +75,17 @@ def traffic(
     from automcm.encoding.codec import CodecError
     from automcm_simulation.traffic.mover import TrafficError
     from automcm_simulation.traffic.seen_from_above import Frames
-    from automcm_simulation.traffic.traffic_scenario import Setting
+    from automcm_simulation.traffic.traffic_scenario import TrafficSetting
     from automcm_simulation.traffic_scenarios import session_page
     from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
-    from automcm_simulation.traffic_scenarios.traffic_run import Run, wrong
+    from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
 
     if scenario not in SCENARIOS:
         raise typer.BadParameter(unknown(scenario, list(SCENARIOS), "scenario"))
     with usage(ValueError):
-        run = Run(
+        run = TrafficRun(
             scenario=scenario,
-            setting=Setting(
+            setting=TrafficSetting(
                 seed=seed,
                 vehicles=vehicles,
                 density=density,

@@ -131,7 +131,7 @@ FIRST: dict[str, tuple[First, ...]] = {
     "plot": (
         _automcm("simulate lane-change --vehicles 2", "written runs/simulate/space-time.svg"),
     ),
-    "secure": (_python(SIGN, "Accepted(message="),),
+    "secure": (_python(SIGN, "Verified(message="),),
     "sumo": (
         _automcm("simulate traffic --vehicles 4 --duration-s 5", "0 between equipped vehicles"),
     ),

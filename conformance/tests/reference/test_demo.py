@@ -18,7 +18,7 @@ import pytest
 from cli_stage import AUTOMCM, LIMIT_S, automcm, automcm_process
 
 from automcm.links.udp_link import bind
-from automcm_simulation.road.demo_processes import Demo, Vehicle
+from automcm_simulation.road.demo_processes import Demo, DemoVehicle
 from automcm_spec.log_format.reader import read
 
 LATE_MS = 50
@@ -167,7 +167,7 @@ def test_a_demonstration_told_to_stop_leaves_no_process(after_s: float, tmp_path
 
 
 def test_a_vehicle_is_idle_only_after_a_session() -> None:
-    vehicle = Vehicle("A", 2)
+    vehicle = DemoVehicle("A", 2)
     assert not vehicle.idle
     bound = {"phase": "INTENDING", "role": "receiver"}
     vehicle.take({"event": "phase", "rule": "ADV-3"} | bound | REST)

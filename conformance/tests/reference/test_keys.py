@@ -19,7 +19,7 @@ from station_stage import Road, Running, road
 
 from automcm.security import cose
 from automcm.service import key_files
-from automcm_simulation.road.demo_processes import Demo, Vehicle
+from automcm_simulation.road.demo_processes import Demo, DemoVehicle
 
 SIGNED = ("--set", "t_timeout=700")
 """Short sessions, but messages are fresh for 800 ms, also on a busy machine."""
@@ -313,5 +313,5 @@ def test_a_demonstration_with_signed_messages(tmp_path: Path) -> None:
     words = ["--secured", "--logs", tmp_path, "--listen", 0, "--json", "-"]
     done = automcm_process("demo", *words)
     assert done.returncode == 0, done.stdout
-    unsigned = Demo(tmp_path, secured=True, vehicles=[Vehicle("A", 1)])
+    unsigned = Demo(tmp_path, secured=True, vehicles=[DemoVehicle("A", 1)])
     assert ("all vehicles sign their messages", False) in unsigned._described()

@@ -12,7 +12,7 @@ from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Radio
 from automcm.security import budget, certificates, cose, verifier
 from automcm.security.signer import Signer
-from automcm.security.verifier import Reason, Verifier
+from automcm.security.verifier import Rejection, Verifier
 from automcm.service import key_files, secured_service
 from automcm.service.secured_service import attach
 from automcm.service.service import McService
@@ -50,14 +50,14 @@ def test_the_code_of_the_page_runs(tmp_path: Path) -> None:
     clock.run(1000)
     other = Verifier([authority.public_key()], JSON, Parameters())
     assert {type(each) for data in heard for each in other.receive(data, 1000)} == {
-        verifier.Accepted
+        verifier.Verified
     }
 
 
 def test_the_reasons_are_those_of_the_code_in_the_order_of_the_checks() -> None:
     _, _, table = PAGE.partition("## What is discarded")
     first = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
-    assert re.findall(r"`(\w+)`", " ".join(first)) == list(Reason)
+    assert re.findall(r"`(\w+)`", " ".join(first)) == list(Rejection)
 
 
 def test_the_figures_are_those_of_the_code() -> None:

@@ -31,7 +31,7 @@ from secured_vectors import TABLES, text
 from typer.testing import CliRunner
 
 from automcm.security import certificates, envelope
-from automcm.security.verifier import Reason
+from automcm.security.verifier import Rejection
 from automcm_cli.reference import vector_adapter
 from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
@@ -68,7 +68,7 @@ def test_each_verdict_is_expected_somewhere_and_each_reason_is_a_verdict() -> No
     verdicts = set(get_args(Verdict))
     assert {verdict for each in expected for verdict in each["verdicts"]} == verdicts
     others = {"accepted", "waiting", "list_taken", "list_ignored"}
-    assert verdicts - others == {*Reason} - {Reason.TOO_LONG, Reason.OVER_BUDGET}
+    assert verdicts - others == {*Rejection} - {Rejection.TOO_LONG, Rejection.OVER_BUDGET}
 
 
 @pytest.mark.parametrize("id_", CASES)

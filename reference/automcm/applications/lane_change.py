@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from automcm.applications import occupancy
-from automcm.applications.occupancy import Perception, Track, nothing_seen
+from automcm.applications.occupancy import Perception, Seen, nothing_seen
 from automcm.applications.planning import (
     LIMITS,
     direction,
@@ -238,7 +238,7 @@ class LaneChange(Coordinated):
         self._alone()
         return choice.abort()
 
-    def _missing(self, theirs: Trajectory, known: list[Track] | None) -> float:
+    def _missing(self, theirs: Trajectory, known: list[Seen] | None) -> float:
         """The gain at which the target's gap is as wide as needed, at the present speeds, m."""
         v = self.vehicle
         speeds = theirs.speeds()
@@ -259,7 +259,7 @@ class LaneChange(Coordinated):
         found = clearance(mine, theirs, own, other, occupancy.LEAST_M)
         return found is not None and found.since is not None
 
-    def _discover(self, known: list[Track] | None, heard: tuple[Heard, ...]) -> int | None:
+    def _discover(self, known: list[Seen] | None, heard: tuple[Heard, ...]) -> int | None:
         """The target: the leader of the vehicles in the lane that would come too close.
 
         A vehicle whose position during the lane change is unknown counts as too close; so does one
@@ -292,19 +292,17 @@ class LaneChange(Coordinated):
             self._lines[lane] = self.vehicle.line.parallel(lane * LANE_WIDTH)
         return self._lines[lane]
 
-    def _own(self, lane: int | None) -> Track:
+    def _own(self, lane: int | None) -> Seen:
         return occupancy.own_track(self.vehicle, self._line(lane))
 
-    def _known(
-        self, heard: tuple[Heard, ...] | None, session: Session | None
-    ) -> list[Track] | None:
+    def _known(self, heard: tuple[Heard, ...] | None, session: Session | None) -> list[Seen] | None:
         """Everyone in the wanted lane that is known (APP-1); None if the service passes on no
         CAMs."""
         return self._in_lane(self.wanted, heard, session)
 
     def _in_lane(
         self, lane: int | None, heard: tuple[Heard, ...] | None, session: Session | None
-    ) -> list[Track] | None:
+    ) -> list[Seen] | None:
         if heard is None:
             return None
         line, now = self._line(lane), self.service.now()
@@ -324,7 +322,7 @@ class LaneChange(Coordinated):
         return neighbours(own, known, prescribed, line, now)
 
     def _blocked(
-        self, known: list[Track] | None, begins_s: float, ends_s: float, *, now_open: bool = False
+        self, known: list[Seen] | None, begins_s: float, ends_s: float, *, now_open: bool = False
     ) -> str:
         """Why the lane is not free from ``begins_s`` to ``ends_s`` from now, or "" (APP-2).
 
@@ -483,13 +481,13 @@ class PaperLaneChange(LaneChange):
     """The paper's application, for its evaluation: it counts answers and does not look, so that the
     protocol is measured alone (APP-2 to APP-5 are added)."""
 
-    def _known(self, heard: tuple[Heard, ...] | None, session: Session | None) -> list[Track]:
+    def _known(self, heard: tuple[Heard, ...] | None, session: Session | None) -> list[Seen]:
         return []
 
     def _look(self, now_ms: int) -> str:
         return ""
 
-    def _missing(self, theirs: Trajectory, known: list[Track] | None) -> float:
+    def _missing(self, theirs: Trajectory, known: list[Seen] | None) -> float:
         return 0.0
 
     def _too_close(self, mine: Trajectory, theirs: Trajectory, heard: Heard | None) -> bool:

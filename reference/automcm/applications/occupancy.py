@@ -46,7 +46,7 @@ LATERAL_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Track:
+class Seen:
     """A vehicle as it was last heard or seen: from perception in the plane, from ``tracks`` along
     (x) and across (y) the middle of a lane."""
 
@@ -80,17 +80,17 @@ class Track:
         return f"{self.station_id}{', bound elsewhere,' * self.bound}"
 
 
-Perception = Callable[[Floats, int, int], Sequence[Track]]
+Perception = Callable[[Floats, int, int], Sequence[Seen]]
 """``occupied(region, t0_ms, t1_ms)``: the vehicles seen that may be in the polygon ``region``,
 (m, 2), between these times (APP-1)."""
 
 
-def nothing_seen(region: Floats, t0_ms: int, t1_ms: int) -> tuple[Track, ...]:
+def nothing_seen(region: Floats, t0_ms: int, t1_ms: int) -> tuple[Seen, ...]:
     """The perception of a vehicle that has none."""
     return ()
 
 
-def on_line(found: Sequence[Track], line: RoadLine) -> list[Track]:
+def on_line(found: Sequence[Seen], line: RoadLine) -> list[Seen]:
     """These tracks, given in the plane, along and across ``line``; those clear of it are left out.
 
     Where the road comes back to itself, x and y are NaN: such a track is in every lane, and clear
@@ -111,11 +111,11 @@ def on_line(found: Sequence[Track], line: RoadLine) -> list[Track]:
     ]
 
 
-def own_track(vehicle: Vehicle, line: RoadLine) -> Track:
+def own_track(vehicle: Vehicle, line: RoadLine) -> Seen:
     """The vehicle's own track on ``line``, as it measures its position; x and y are NaN if that is
     not on the road."""
     x, y, heading = vehicle.line.pose(*vehicle.measured)
-    track = Track(
+    track = Seen(
         x=x,
         y=y,
         vx=vehicle.speed * math.cos(heading),
@@ -136,13 +136,13 @@ def extent_of(heard: Heard | None) -> Extent:
 
 def tracks(
     heard: Iterable[Heard],
-    seen: Sequence[Track],
+    seen: Sequence[Seen],
     answered: Iterable[int],
     session: Session | None,
     now: int,
     line: RoadLine,
     own_sigma: float = 0.0,
-) -> list[Track]:
+) -> list[Seen]:
     """Every vehicle known on the road at ``now`` (ms), along and across ``line`` (APP-1).
 
     What is seen replaces the CAM of the station that is nearest to that place.
@@ -152,7 +152,7 @@ def tracks(
         speed, heading = each.speed_mm_s / 1000, each.heading_mrad / 1000
         extent = extent_of(each)
         said.append(
-            Track(
+            Seen(
                 x=each.x_mm / 1000,
                 y=each.y_mm / 1000,
                 vx=speed * math.cos(heading),
@@ -191,13 +191,13 @@ def tracks(
     return found + [replace(track, seen=True) for track in left]
 
 
-def error(own: Track, other: Track) -> float:
+def error(own: Seen, other: Seen) -> float:
     """How wrong the distance of the two along the lane may be, m: SURE standard deviations."""
     mine = 0.0 if other.seen else own.sigma or 0.0
     return SURE * math.hypot(mine, other.sigma or 0.0)
 
 
-def in_lane(own: Track, other: Track) -> bool:
+def in_lane(own: Seen, other: Seen) -> bool:
     """Whether the side of ``other`` may touch the lane along whose middle both are given, or will
     soon.
 
@@ -224,7 +224,7 @@ def needed_gap(rear: float, front: float, hardest: float = FORCED) -> float:
     return max(LEAST_M, wanted * math.sqrt(d.acceleration / hardest))
 
 
-def margin(own: Track, other: Track, after_s: float) -> float:
+def margin(own: Seen, other: Seen, after_s: float) -> float:
     """The error, m, of their distance predicted ``after_s`` from now at constant speeds (APP-3)."""
     known = error(own, other) + CHANGE * other.age_s**2 / 2
     if other.answered:
@@ -233,9 +233,7 @@ def margin(own: Track, other: Track, after_s: float) -> float:
     return known + unstated + CHANGE * min(after_s, CHANGE_S) ** 2 / 2
 
 
-def clear(
-    own: Track, other: Track, begins_s: float, ends_s: float, hardest: float = FORCED
-) -> bool:
+def clear(own: Seen, other: Seen, begins_s: float, ends_s: float, hardest: float = FORCED) -> bool:
     """Whether both keep the needed gap from ``begins_s`` to ``ends_s`` from now, at constant speeds
     (APP-3)."""
     sides = set()

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from automcm.applications.occupancy import LEAST_M, Track
+from automcm.applications.occupancy import LEAST_M, Seen
 from automcm.applications.vehicle import LANE_WIDTH, Driving, idm
 from automcm.kernels.road_line import RoadLine
 from automcm.kernels.trajectory import Trajectory
@@ -28,7 +28,7 @@ class Neighbour:
 
 
 def neighbours(
-    own: Track, known: Sequence[Track], prescribed: Trajectory, line: RoadLine, now: float
+    own: Seen, known: Sequence[Seen], prescribed: Trajectory, line: RoadLine, now: float
 ) -> tuple[Neighbour | None, Neighbour | None]:
     """The next vehicle ahead in the lane whose middle is ``line``, at constant speed, and the next
     behind, which follows ``prescribed`` as a driver does (``idm``), from ``now`` (s) on.
@@ -42,7 +42,7 @@ def neighbours(
     leader = min((t for t in there if t.x > own.x), key=lambda t: t.x, default=None)
     follower = max((t for t in there if t.x <= own.x), key=lambda t: t.x, default=None)
 
-    def neighbour(other: Track, s: Sequence[float]) -> Neighbour:
+    def neighbour(other: Seen, s: Sequence[float]) -> Neighbour:
         apart = (own.length + other.length) / 2 + LEAST_M
         return Neighbour(Trajectory(times, line.place(s, 0.0)), apart)
 
@@ -55,7 +55,7 @@ def neighbours(
     return first, last
 
 
-def _following(own: Track, follower: Track, front: Sequence[float]) -> list[float]:
+def _following(own: Seen, follower: Seen, front: Sequence[float]) -> list[float]:
     """Where it is at each time of ``front``, the positions of the vehicle that it follows."""
     driving = Driving()
     s, v = [follower.x], follower.vx

@@ -14,7 +14,7 @@ import numpy as np
 
 from automcm.applications import occupancy
 from automcm.applications.lane_change import MARGIN_S, NO_RETURN_M, WAIT_MS, LaneChange
-from automcm.applications.occupancy import Perception, Track, nothing_seen
+from automcm.applications.occupancy import Perception, Seen, nothing_seen
 from automcm.applications.planning import LIMITS, planned, read
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.thin import thin
@@ -111,7 +111,7 @@ class Merge(LaneChange):
         lease_s = later - now + change_s + MARGIN_S
         return choice.prescribe(self._target, prescribed, hold_ms=0, lease_ms=round(lease_s * 1000))
 
-    def _first(self, mine: float, known: list[Track], joins_s: float) -> int | None:
+    def _first(self, mine: float, known: list[Seen], joins_s: float) -> int | None:
         """The first station that is there at about this time (s), or whose time is unknown.
 
         One that comes earlier is there, too, if it is not clear by then (APP-3).

@@ -41,7 +41,7 @@ class Driving:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Late:
+class LateBraking:
     """A model of the paper's behaviour without coordination.
 
     The paper has no values for it.  The values here are plausible, and ``restart_gap`` is
@@ -93,7 +93,7 @@ class Vehicle:
     desired: float
     length: float = CAR_MM[0] / 1000
     driving: Driving = field(default_factory=Driving)
-    late: Late | None = None
+    late: LateBraking | None = None
     """If set, it brakes late and stops for a vehicle that changes to its lane ahead."""
     acceleration: float = 0.0
     d: float = 0.0

@@ -52,14 +52,14 @@ def to_time(ms: int) -> Time:
     return Time(sec=ms // 1000, nanosec=ms % 1000 * 1_000_000)
 
 
-class Header(Ros):
+class RosHeader(Ros):
     """std_msgs/Header.  The frame is always ``map``."""
 
     stamp: Time = Time()
     frame_id: Literal["map"] = "map"
 
 
-class Vector(Ros):
+class RosVector(Ros):
     """geometry_msgs/Point, and Vector3."""
 
     x: Number
@@ -89,7 +89,7 @@ def _heading(yaw: float) -> Quaternion:
 class Pose(Ros):
     """geometry_msgs/Pose."""
 
-    position: Vector
+    position: RosVector
     orientation: Quaternion = Quaternion()
 
 
@@ -109,7 +109,7 @@ class TrajectoryPoint(Ros):
 class AutowareTrajectory(Ros):
     """autoware_planning_msgs/Trajectory.  Without points, there is no trajectory."""
 
-    header: Header = Header()
+    header: RosHeader = RosHeader()
     points: list[TrajectoryPoint] = Field(default=[], max_length=MAX_POINTS, fail_fast=True)
 
 
@@ -169,8 +169,8 @@ def _eigenvalue(sign: int, xx: float, xy: float, yy: float) -> float:
 class Twist(Ros):
     """geometry_msgs/Twist."""
 
-    linear: Vector
-    angular: Vector = Vector(x=0.0, y=0.0)
+    linear: RosVector
+    angular: RosVector = RosVector(x=0.0, y=0.0)
 
 
 class TwistWithCovariance(_WithCovariance):
@@ -182,7 +182,7 @@ class TwistWithCovariance(_WithCovariance):
 class Odometry(Ros):
     """nav_msgs/Odometry; ``twist.twist.linear.x`` is the forward speed."""
 
-    header: Header = Header()
+    header: RosHeader = RosHeader()
     child_frame_id: str = Field(default="base_link", max_length=64)
     pose: PoseWithCovariance
     twist: TwistWithCovariance
@@ -218,12 +218,12 @@ def to_trajectory(of: Trajectory, place: str = "trajectory") -> AutowareTrajecto
         raise MessageError(short(f"{place}.points", f"more than {MAX_POINTS}"))
     _check_times(of.points, range(len(of.points)), place)
     try:
-        return AutowareTrajectory(header=Header(stamp=to_time(of.t0)), points=_points(of.points))
+        return AutowareTrajectory(header=RosHeader(stamp=to_time(of.t0)), points=_points(of.points))
     except ValidationError as error:
         raise refusal(error, place) from None
 
 
-def _mm(at: Vector) -> tuple[int, int]:
+def _mm(at: RosVector) -> tuple[int, int]:
     return round(at.x * 1000), round(at.y * 1000)
 
 
@@ -246,7 +246,7 @@ def _points(points: Sequence[tuple[int, int, int]]) -> list[TrajectoryPoint]:
         out.append(
             TrajectoryPoint(
                 time_from_start=to_time(t),
-                pose=Pose(position=Vector(x=x / 1000, y=y / 1000), orientation=_heading(yaw)),
+                pose=Pose(position=RosVector(x=x / 1000, y=y / 1000), orientation=_heading(yaw)),
                 longitudinal_velocity_mps=speed,
             )
         )
@@ -269,14 +269,14 @@ def to_odometry(of: Kinematics, now_ms: int) -> Odometry:
     """The kinematics in Autoware's form, which has no extent, and no error of 0.  Raises
     ValidationError for numbers out of bounds."""
     at = Pose(
-        position=Vector(x=of.x_mm / 1000, y=of.y_mm / 1000),
+        position=RosVector(x=of.x_mm / 1000, y=of.y_mm / 1000),
         orientation=_heading(of.heading_mrad / 1000),
     )
-    moving = Twist(linear=Vector(x=of.speed_mm_s / 1000, y=0.0))
+    moving = Twist(linear=RosVector(x=of.speed_mm_s / 1000, y=0.0))
     variance = ((of.sigma_mm or 0) / 1000) ** 2
     covariance = [variance if n in (0, 7) else 0.0 for n in range(36)] if variance else []
     return Odometry(
-        header=Header(stamp=to_time(now_ms)),
+        header=RosHeader(stamp=to_time(now_ms)),
         pose=PoseWithCovariance(pose=at, covariance=covariance),
         twist=TwistWithCovariance(twist=moving),
     )

@@ -11,9 +11,9 @@ from pydantic_core import from_json, to_json
 from automcm.bridge.autoware import (
     NO_TRAJECTORY,
     AutowareTrajectory,
-    Header,
     Odometry,
     Ros,
+    RosHeader,
     Time,
     to_time,
     to_trajectory,
@@ -67,7 +67,7 @@ class Message(Ros):
     folder: ClassVar[str] = ""
     topic: ClassVar[str]
     type: ClassVar[str]
-    header: Header = Header()
+    header: RosHeader = RosHeader()
 
     def __init_subclass__(cls) -> None:
         """Set topic and type."""
@@ -99,9 +99,9 @@ def to_session(session: SessionKey | None) -> Session:
     return Session(prescriber=session[0], number=session[1]) if session else Session()
 
 
-def stamped(ms: int) -> Header:
+def stamped(ms: int) -> RosHeader:
     """A header with this time."""
-    return Header(stamp=to_time(ms))
+    return RosHeader(stamp=to_time(ms))
 
 
 # -- from the bridge to the driving software

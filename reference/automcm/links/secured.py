@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from automcm.links.clock import Clock
 from automcm.links.link import Link, Receiver
 from automcm.security.signer import Signer
-from automcm.security.verifier import Accepted, Rejected, Verifier
+from automcm.security.verifier import Rejected, Verified, Verifier
 
 
 class SecuredLink:
@@ -49,9 +49,9 @@ class SecuredLink:
             for verdict in reversed(verdicts):
                 stack.callback(self._take, verdict)
         last = verdicts[-1] if verdicts else None
-        return last.src if isinstance(last, Accepted) else None
+        return last.src if isinstance(last, Verified) else None
 
-    def _take(self, verdict: Accepted | Rejected) -> None:
+    def _take(self, verdict: Verified | Rejected) -> None:
         if isinstance(verdict, Rejected):
             self.rejected(verdict)
             return

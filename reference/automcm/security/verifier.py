@@ -27,7 +27,7 @@ WAITING = 32
 WAITING_OF_ONE = 8
 
 
-class Reason(StrEnum):
+class Rejection(StrEnum):
     """Why a datagram is discarded, in the order of the checks."""
 
     TOO_LONG = "too_long"
@@ -55,7 +55,7 @@ class Datagram:
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
+class Verified:
     """A message whose sender is known and permitted to send it."""
 
     message: bytes
@@ -69,13 +69,13 @@ class Accepted:
 class Rejected:
     """A datagram without effect; ``src`` if its message was read, which may be forged."""
 
-    reason: Reason
+    reason: Rejection
     src: int | None
     datagram: Datagram
 
 
 class _Refused(Exception):
-    def __init__(self, reason: Reason, src: int | None = None) -> None:
+    def __init__(self, reason: Rejection, src: int | None = None) -> None:
         super().__init__(reason)
         self.reason, self.src = reason, src
 
@@ -149,20 +149,20 @@ class Verifier:
         self._revoked[new.authority] = new
         return True
 
-    def problem(self, certificate: Certificate, now_ms: int) -> Reason | None:
+    def problem(self, certificate: Certificate, now_ms: int) -> Rejection | None:
         """Why every message with this certificate is discarded; None if it is valid."""
         authority = self._authorities.get(certificate.authority)
         if authority is None:
-            return Reason.UNKNOWN_AUTHORITY
+            return Rejection.UNKNOWN_AUTHORITY
         try:
             self._check_certificate(certificate, now_ms)
         except _Refused as refused:
             return refused.reason
-        return None if cose.verify(certificate.signed, authority) else Reason.BAD_SIGNATURE
+        return None if cose.verify(certificate.signed, authority) else Rejection.BAD_SIGNATURE
 
     def receive(
         self, data: bytes, now_ms: int, tx: str | None = None, own: bytes = b""
-    ) -> list[Accepted | Rejected]:
+    ) -> list[Verified | Rejected]:
         """Judge a datagram; ``own`` is the digest of the station's own certificate.
 
         A message of an unknown signer waits for its certificate and is judged when that arrives, or
@@ -173,7 +173,7 @@ class Verifier:
         try:
             read = self._read(data, now_ms)
             if read.signer == own:
-                raise _Refused(Reason.REPLAYED)
+                raise _Refused(Rejection.REPLAYED)
             if read.certificate is None and read.signer not in self._known:
                 return out + self._wait(read, datagram)
             if read.signer not in self._known:
@@ -187,35 +187,35 @@ class Verifier:
 
     def _read(self, data: bytes, now_ms: int) -> Envelope:
         if len(data) > MAX_BYTES:
-            raise _Refused(Reason.TOO_LONG)
+            raise _Refused(Rejection.TOO_LONG)
         try:
             read = envelope.read(data, self._codec.name)
         except Malformed:
-            raise _Refused(Reason.MALFORMED) from None
+            raise _Refused(Rejection.MALFORMED) from None
         self._check_age(read.generation_ms, now_ms)
         self._check_replay(read)
         return read
 
     def _check_age(self, generation_ms: int, now_ms: int, src: int | None = None) -> None:
         if now_ms - generation_ms > self._window or generation_ms < self.since_ms:
-            raise _Refused(Reason.STALE, src)
+            raise _Refused(Rejection.STALE, src)
         if generation_ms - now_ms > CLOCK_MS:
-            raise _Refused(Reason.EARLY, src)
+            raise _Refused(Rejection.EARLY, src)
 
     def _check_replay(self, read: Envelope) -> None:
         if _identity(read) in self._seen.get(read.generation_ms // self._window, ()):
-            raise _Refused(Reason.REPLAYED)
+            raise _Refused(Rejection.REPLAYED)
 
     # -- certificates
 
     def _check_certificate(self, certificate: Certificate, now_ms: int) -> None:
         if now_ms >= certificate.not_after * 1000:
-            raise _Refused(Reason.CERTIFICATE_EXPIRED)
+            raise _Refused(Rejection.CERTIFICATE_EXPIRED)
         if now_ms < certificate.not_before * 1000:
-            raise _Refused(Reason.CERTIFICATE_NOT_YET)
+            raise _Refused(Rejection.CERTIFICATE_NOT_YET)
         revoked = self._revoked.get(certificate.authority)
         if revoked is not None and certificate.digest in revoked.digests:
-            raise _Refused(Reason.REVOKED)
+            raise _Refused(Rejection.REVOKED)
 
     def _admit(self, read: Envelope, now_ms: int) -> None:
         """Keep a certificate that a known authority has signed."""
@@ -223,20 +223,20 @@ class Verifier:
         assert certificate is not None
         authority = self._authorities.get(certificate.authority)
         if authority is None:
-            raise _Refused(Reason.UNKNOWN_AUTHORITY)
+            raise _Refused(Rejection.UNKNOWN_AUTHORITY)
         self._check_certificate(certificate, now_ms)
         if not self._budget.spend(2, now_ms):  # its ids are only claimed
-            raise _Refused(Reason.OVER_BUDGET)
+            raise _Refused(Rejection.OVER_BUDGET)
         if not cose.verify(certificate.signed, authority):
-            raise _Refused(Reason.BAD_SIGNATURE)
+            raise _Refused(Rejection.BAD_SIGNATURE)
         try:
             self._known[certificate.digest] = certificate, certificate.key()
         except Malformed:
-            raise _Refused(Reason.MALFORMED) from None
+            raise _Refused(Rejection.MALFORMED) from None
         if len(self._known) > CERTIFICATES:
             self._known.popitem(last=False)
 
-    def _wait(self, read: Envelope, datagram: Datagram) -> list[Accepted | Rejected]:
+    def _wait(self, read: Envelope, datagram: Datagram) -> list[Verified | Rejected]:
         """Let a message wait for a certificate, in place of an older one if too many do."""
         of_one = [each for each in self._waiting if each[0].signer == read.signer]
         full = of_one if len(of_one) >= WAITING_OF_ONE else self._waiting
@@ -244,20 +244,20 @@ class Verifier:
         self._waiting.append((read, datagram))
         for each in dropped:
             self._waiting.remove(each)
-        return [Rejected(Reason.UNKNOWN_SIGNER, None, oldest) for _, oldest in dropped]
+        return [Rejected(Rejection.UNKNOWN_SIGNER, None, oldest) for _, oldest in dropped]
 
-    def _no_longer_waiting(self, now_ms: int) -> list[Accepted | Rejected]:
+    def _no_longer_waiting(self, now_ms: int) -> list[Verified | Rejected]:
         """The messages that have waited until they were too old."""
         oldest = now_ms - self._window
         late = [each for read, each in self._waiting if read.generation_ms < oldest]
         self._waiting = [each for each in self._waiting if each[0].generation_ms >= oldest]
-        return [Rejected(Reason.UNKNOWN_SIGNER, None, each) for each in late]
+        return [Rejected(Rejection.UNKNOWN_SIGNER, None, each) for each in late]
 
-    def _had_waited_for(self, signer: bytes, now_ms: int) -> list[Accepted | Rejected]:
+    def _had_waited_for(self, signer: bytes, now_ms: int) -> list[Verified | Rejected]:
         """Judge the messages that waited for this certificate, in the order of their arrival."""
         ready = [each for each in self._waiting if each[0].signer == signer]
         self._waiting = [each for each in self._waiting if each[0].signer != signer]
-        out: list[Accepted | Rejected] = []
+        out: list[Verified | Rejected] = []
         for read, datagram in ready:
             try:
                 self._check_replay(read)  # two copies may have waited
@@ -268,23 +268,23 @@ class Verifier:
 
     # -- with a signature
 
-    def _judge(self, read: Envelope, datagram: Datagram, now_ms: int) -> Accepted:
+    def _judge(self, read: Envelope, datagram: Datagram, now_ms: int) -> Verified:
         certificate, key = self._known[read.signer]
         self._check_certificate(certificate, now_ms)
         if not self._budget.spend(self.ranking(certificate.ids), now_ms):
-            raise _Refused(Reason.OVER_BUDGET)
+            raise _Refused(Rejection.OVER_BUDGET)
         if not cose.verify(read.signed, key):
-            raise _Refused(Reason.BAD_SIGNATURE)
+            raise _Refused(Rejection.BAD_SIGNATURE)
         self._known.move_to_end(read.signer)
         self._remember(read, now_ms)
         message = self._decoded(read)
         if message.src not in certificate.ids:
-            raise _Refused(Reason.WRONG_SOURCE, message.src)
+            raise _Refused(Rejection.WRONG_SOURCE, message.src)
         if not certificate.permits(message):
-            raise _Refused(Reason.NOT_PERMITTED, message.src)
+            raise _Refused(Rejection.NOT_PERMITTED, message.src)
         if isinstance(message, Cam):
             self._check_age(message.generation_ms, now_ms, message.src)
-        return Accepted(read.message, message.src, read.wanted, datagram)
+        return Verified(read.message, message.src, read.wanted, datagram)
 
     def _decoded(self, read: Envelope) -> Message | Cam:
         """The message.  It is decoded as by the station, which does so again: another, quicker
@@ -292,7 +292,7 @@ class Verifier:
         try:
             return self._codec.decode(read.message)
         except MessageError:
-            raise _Refused(Reason.MALFORMED) from None
+            raise _Refused(Rejection.MALFORMED) from None
 
     def _remember(self, read: Envelope, now_ms: int) -> None:
         """Keep what ``_check_replay`` needs, while the message is not stale."""

@@ -7,7 +7,7 @@ import math
 from automcm.links.secured import SecuredLink
 from automcm.security.budget import Budget, Rank
 from automcm.security.certificates import Credentials
-from automcm.security.verifier import Reason, Rejected
+from automcm.security.verifier import Rejected, Rejection
 from automcm.service.service import McService
 
 NEAR_M = 100
@@ -33,7 +33,7 @@ def attach(service: McService, link: SecuredLink) -> None:
     logged = Budget(LOGGED_PER_SECOND)  # a flood must not fill the log
 
     def rejected(what: Rejected) -> None:
-        if what.reason is Reason.OVER_BUDGET or not logged.spend(0, service.now()):
+        if what.reason is Rejection.OVER_BUDGET or not logged.spend(0, service.now()):
             service.statistics.rejected[what.reason] += 1
         else:
             service.rejected(what.reason, what.datagram.data, what.datagram.tx)

@@ -12,7 +12,7 @@ from automcm.links.link import Link
 from automcm.links.secured import SecuredLink
 from automcm.security.certificates import Credentials
 from automcm.security.signer import Signer
-from automcm.security.verifier import Reason
+from automcm.security.verifier import Rejection
 from automcm.service import key_files
 from automcm.service.key_files import CERTIFICATE, KeyFileError
 from automcm.service.secured_service import attach, change_credentials
@@ -25,11 +25,11 @@ SOON_S = 3600
 """A certificate that expires within this time is reported."""
 
 _PROBLEMS = {
-    Reason.UNKNOWN_AUTHORITY: "its authority is not in authorities/",
-    Reason.CERTIFICATE_EXPIRED: "it has expired; renew it with automcm keys issue --renew",
-    Reason.CERTIFICATE_NOT_YET: "it is not valid yet; compare the clocks of the two hosts",
-    Reason.REVOKED: "it is revoked; other stations discard what this one sends",
-    Reason.BAD_SIGNATURE: "the signature of its authority is wrong",
+    Rejection.UNKNOWN_AUTHORITY: "its authority is not in authorities/",
+    Rejection.CERTIFICATE_EXPIRED: "it has expired; renew it with automcm keys issue --renew",
+    Rejection.CERTIFICATE_NOT_YET: "it is not valid yet; compare the clocks of the two hosts",
+    Rejection.REVOKED: "it is revoked; other stations discard what this one sends",
+    Rejection.BAD_SIGNATURE: "the signature of its authority is wrong",
 }
 
 

@@ -16,7 +16,7 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm.applications.lane_change import PaperLaneChange
-from automcm.applications.vehicle import Driving, Late
+from automcm.applications.vehicle import Driving, LateBraking
 from automcm_evaluation.arrival import arrival_figures, sumo
 from automcm_evaluation.arrival.arrival_tables import SPEEDS_KMH, names, summary
 from automcm_evaluation.framework.experiment import (
@@ -54,7 +54,7 @@ Draw = tuple[float, float]
 """A trial's start: how far ahead the prescriber starts, and the distance before its signal, m."""
 
 
-class Arrival(Settings):
+class ArrivalSetting(Settings):
     """Settings in SI units; distances are from the receiver's start, or centre to centre."""
 
     trials: int = Field(default=100, ge=2, le=1000)
@@ -69,10 +69,10 @@ class Arrival(Settings):
     """Minimum initial distance of the prescriber ahead of the receiver; assumed."""
     beside_span_m: float = Field(default=2.5, ge=0, le=20)
     """Maximum additional initial distance; assumed."""
-    notice: Notice = Late().notice
-    brake: Brake = Late().brake
-    restart_s: Wait = Late().restart_s
-    restart_gap: Gap = Late().restart_gap
+    notice: Notice = LateBraking().notice
+    brake: Brake = LateBraking().brake
+    restart_s: Wait = LateBraking().restart_s
+    restart_gap: Gap = LateBraking().restart_gap
     """Calibrated; the other four are assumed."""
     acceleration: Acceleration = Driving().acceleration
     """The driver parameters of all vehicles, with and without coordination."""
@@ -99,7 +99,7 @@ class Arrival(Settings):
         }
 
 
-def cells(settings: Arrival) -> list[Values]:
+def cells(settings: ArrivalSetting) -> list[Values]:
     """The cells.  Those of SUMO come first, so that a missing SUMO is reported at once."""
     all_ = settings.model_dump(mode="json")
     places = {name: all_[name] for name in PLACES}
@@ -230,7 +230,9 @@ def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed:
     )
     driven = setting.on(Simulation(seed=seed), driver=PaperLaneChange)
     for receiver in driven.drivers[1:]:
-        receiver.vehicle.late = Late(**{n: v for n, v in model.items() if n != "acceleration"})
+        receiver.vehicle.late = LateBraking(
+            **{n: v for n, v in model.items() if n != "acceleration"}
+        )
     until_s = alone_s + 5
     driven.run(until_s)
     while (arrival := arrival_s(driven.road.of(3), target_m - beside_m)) is None:
@@ -255,9 +257,9 @@ def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed:
 EXPERIMENT = Experiment(
     name="arrival",
     title="Arrival with coordination and without (VI-B, Fig. 8)",
-    settings=Arrival,
+    settings=ArrivalSetting,
     profiles={
-        "quick": Arrival(
+        "quick": ArrivalSetting(
             trials=10,
             draws=1,
             notices=(0.2, 0.5, 1.75),
@@ -267,7 +269,7 @@ EXPERIMENT = Experiment(
             accelerations=(1.0, 1.5, 2.5),
             sumo=False,
         ),
-        "standard": Arrival(),
+        "standard": ArrivalSetting(),
     },
     cells=cells,
     run=run,

@@ -44,7 +44,7 @@ but no trajectory in an Advertisement, which may go without (section 2 of docs/p
 _FIRST_ID, _EPOCH_MS = 3_000_000_000, 1_800_000_000_000
 
 
-class Bytes(NamedTuple):
+class MessageBytes(NamedTuple):
     """The bytes of one or more messages in each codec."""
 
     json: int
@@ -59,19 +59,19 @@ class Sent:
     src: int
     type: str
     prescriber: int
-    forms: dict[str, Bytes]
+    forms: dict[str, MessageBytes]
     cancelled: int = 0
     """The addressee of a Cancel."""
 
 
 @dataclass
-class Air:
+class RecordingCodec:
     """The JSON codec with a record of encoded messages.  ``now`` must be set before."""
 
     now: Callable[[], int] = lambda: 0
     sent: list[Sent] = field(default_factory=list)
     name: str = "json"
-    _known: dict[bytes, dict[str, Bytes]] = field(default_factory=dict)
+    _known: dict[bytes, dict[str, MessageBytes]] = field(default_factory=dict)
 
     def encode(self, message: Message | Cam) -> bytes:
         """Encode as JSON and record the size."""
@@ -134,15 +134,15 @@ def on_air(message: Message | Cam, points: int = 0, lean: bool = False) -> Messa
     return message.model_copy(update=changed)
 
 
-def measured(message: Message | Cam) -> Bytes:
+def measured(message: Message | Cam) -> MessageBytes:
     """Its size.  Raises ExperimentError if the extra ``automcm[asn1]`` is not installed."""
     try:
-        return Bytes(*(len(codec(name).encode(message)) for name in CODECS))
+        return MessageBytes(*(len(codec(name).encode(message)) for name in CODECS))
     except CodecError as error:
         raise ExperimentError(f"bandwidth: {error}") from None
 
 
-def in_forms(message: Message) -> dict[str, Bytes]:
+def in_forms(message: Message) -> dict[str, MessageBytes]:
     """Its size in each of FORMS."""
     made = (on_air(message), on_air(message, POINTS), on_air(message, POINTS, lean=True))
     return {name: measured(form) for name, form in zip(FORMS, made, strict=True)}
@@ -154,7 +154,7 @@ def offered(src: int, planned: Trajectory) -> Intention:
 
 
 @cache
-def _offered_52() -> Bytes:
+def _offered_52() -> MessageBytes:
     return measured(on_air(offered(1, Trajectory(t0=0, points=((0, 0, 0),))), POINTS))
 
 
@@ -179,7 +179,7 @@ class Recorded:
     """A drive with its sent messages and those of the always-on alternative."""
 
     drive: SimulatedDrive
-    air: Air
+    air: RecordingCodec
     offers: list[Sent] = field(default_factory=list)
     """One for each vehicle and OFFER_MS; it stands for all of that time."""
     planned: Trajectory | None = None
@@ -201,7 +201,7 @@ def record(
     parameters: Parameters | None = None,
 ) -> Recorded:
     """A drive in which the prescribers change lanes one after another."""
-    drivers, air = column(receivers, beside, gap_m), Air()
+    drivers, air = column(receivers, beside, gap_m), RecordingCodec()
     drive = SimulatedDrive(
         drivers, seed=seed, channel=Channel(loss=loss), parameters=parameters, codec=air
     )
@@ -280,10 +280,10 @@ def certificates(sent: Sequence[Sent]) -> int:
     return number
 
 
-def total(sent: Sequence[Sent], form: str = "sent") -> Bytes:
+def total(sent: Sequence[Sent], form: str = "sent") -> MessageBytes:
     """The sum of all amounts."""
     forms = [each.forms[form] for each in sent]
-    return Bytes(sum(each.json for each in forms), sum(each.uper for each in forms))
+    return MessageBytes(sum(each.json for each in forms), sum(each.uper for each in forms))
 
 
 def by_type(sent: Sequence[Sent], form: str) -> dict[str, dict[str, int]]:

@@ -22,8 +22,8 @@ from automcm_evaluation.comfort.comfort_courses import (
     A,
     B,
     C,
-    Run,
-    Setting,
+    ComfortRun,
+    ComfortSetting,
     disturbed,
     nobody,
     uncoordinated,
@@ -32,7 +32,7 @@ from automcm_evaluation.comfort.comfort_courses import (
 from automcm_evaluation.comfort.comfort_measures import (
     FAR_S,
     HARD,
-    Track,
+    DrivenTrack,
     braking,
     distance,
     first_slower,
@@ -92,7 +92,7 @@ def run(values: Values, seed: int) -> Values:
     s = values["setting"]
     places = {name: s[name] for name in ("gap_m", "beside_m", "until_s")}
     assumed = {name: s[name] for name in ("t_cam_loss_ms", "stands_s", "sees_s", "open_m")}
-    setting = Setting(four=FourVehicles(speed_kmh=values["speed_kmh"], **places), **assumed)
+    setting = ComfortSetting(four=FourVehicles(speed_kmh=values["speed_kmh"], **places), **assumed)
     if values["part"] == "fig6":
         return fig6(setting.drawn(seed, 0.0))
     random = Random(seed)
@@ -105,7 +105,7 @@ def run(values: Values, seed: int) -> Values:
     return {name: comfort_tables.together(costs) for name, costs in drives.items()}
 
 
-def trial(setting: Setting, stage: str, share: float) -> dict[str, Values]:
+def trial(setting: ComfortSetting, stage: str, share: float) -> dict[str, Values]:
     """Each course once, its fault after ``share`` of the stage.
 
     "cut" is that course with its rule, "cut without" the same without it.
@@ -131,12 +131,14 @@ def trial(setting: Setting, stage: str, share: float) -> dict[str, Values]:
     return found
 
 
-def _tracks(run: Run) -> dict[int, Track]:
+def _tracks(run: ComfortRun) -> dict[int, DrivenTrack]:
     return tracks(run.drive.road.samples)
 
 
 def cost(
-    found: dict[int, Track], alone: dict[int, Track], needed: dict[int, tuple[float, float]]
+    found: dict[int, DrivenTrack],
+    alone: dict[int, DrivenTrack],
+    needed: dict[int, tuple[float, float]],
 ) -> Values:
     """The measures of one drive.  ``alone``: the drive without a lane change; ``needed``: the
     slowing of B and of C, in m and s, in an undisturbed lane change.
@@ -165,7 +167,7 @@ def cost(
     return values
 
 
-def fig6(setting: Setting) -> Values:
+def fig6(setting: ComfortSetting) -> Values:
     """The undisturbed maneuver: speed over position of four vehicles, and its claims."""
     found, alone = _tracks(undisturbed(setting)), _tracks(nobody(setting))
     prescriber = found[PRESCRIBER]

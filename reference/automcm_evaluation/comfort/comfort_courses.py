@@ -112,7 +112,7 @@ class Changer(PaperLaneChange):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class ComfortSetting:
     """A drive of the four vehicles with its assumptions."""
 
     four: FourVehicles
@@ -124,7 +124,7 @@ class Setting:
     open_m: float = 150.0
     """Gain of the open-ended prescription of ``prescriber_hangs``."""
 
-    def drawn(self, seed: int, spread_m: float) -> Setting:
+    def drawn(self, seed: int, spread_m: float) -> ComfortSetting:
         """The setting of this seed: phases of CAMs, delays, and positions within ``spread_m``."""
         dice = random.Random(seed)
         four = replace(
@@ -136,12 +136,12 @@ class Setting:
         return replace(self, four=four)
 
 
-class Run:
+class ComfortRun:
     """One drive, on which the courses act and which the measures evaluate."""
 
     def __init__(
         self,
-        setting: Setting,
+        setting: ComfortSetting,
         *,
         with_rules: bool = True,
         cams: bool = True,
@@ -172,7 +172,7 @@ class Run:
         when = self.setting.four.signal_s + after_signal_s
         self.drive.simulation.clock.at(round(when * 1000), do)
 
-    def go(self) -> Run:
+    def go(self) -> ComfortRun:
         """Drive to the end."""
         if not self.setting.four.coordinated:
             self._silence()
@@ -242,7 +242,7 @@ class Run:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class FaultyCourse:
     """A fault and the rule against it."""
 
     text: str
@@ -250,24 +250,24 @@ class Course:
     """The rule that is disabled."""
     taken: str
     """How the rule is disabled."""
-    befalls: Callable[[Run], None]
+    befalls: Callable[[ComfortRun], None]
     cams: bool = True
     """Whether ACT-2 remains without the rule; ``leased``: ACT-4."""
     leased: bool = True
     open_ended: bool = False
-    else_befalls: Callable[[Run], None] | None = None
+    else_befalls: Callable[[ComfortRun], None] | None = None
     """The events on the same road without a lane change."""
 
 
-def _without_act_2(text: str, befalls: Callable[[Run], None]) -> Course:
+def _without_act_2(text: str, befalls: Callable[[ComfortRun], None]) -> FaultyCourse:
     taken = "t_cam_loss is so long that it never expires, in both stations"
-    return Course(text=text, rule="ACT-2", taken=taken, befalls=befalls, cams=False)
+    return FaultyCourse(text=text, rule="ACT-2", taken=taken, befalls=befalls, cams=False)
 
 
-def _without_a_word(text: str, station_id: int) -> Course:
+def _without_a_word(text: str, station_id: int) -> FaultyCourse:
     taken = "the application that gives up drives alone and gives its service no command"
     befalls = lambda run: run.gives_up(station_id)  # noqa: E731
-    return Course(text=text, rule="END-1, END-2", taken=taken, befalls=befalls)
+    return FaultyCourse(text=text, rule="END-1, END-2", taken=taken, befalls=befalls)
 
 
 COURSES = {
@@ -296,14 +296,14 @@ COURSES = {
     "b_aborts": _without_a_word(
         "B's application can drive the trajectory no longer and gives up", B
     ),
-    "leader_stops": Course(
+    "leader_stops": FaultyCourse(
         text="A brakes to a stop; the prescriber's application sees it and gives the change up",
         rule="END-1, END-2",
         taken="the prescriber's application does not look: it goes on as if A did",
-        befalls=Run.leader_stops_and_is_seen,
-        else_befalls=Run.leader_stops,
+        befalls=ComfortRun.leader_stops_and_is_seen,
+        else_befalls=ComfortRun.leader_stops,
     ),
-    "prescriber_hangs": Course(
+    "prescriber_hangs": FaultyCourse(
         text="the prescriber's application hangs while its station works; what it prescribed was "
         "open-ended, to be ended by its Fin",
         rule="ACT-4",
@@ -315,9 +315,11 @@ COURSES = {
 }
 
 
-def disturbed(course: Course, setting: Setting, at_s: float, *, with_rules: bool) -> Run:
+def disturbed(
+    course: FaultyCourse, setting: ComfortSetting, at_s: float, *, with_rules: bool
+) -> ComfortRun:
     """The maneuver with the fault ``at_s`` seconds after the signal."""
-    run = Run(
+    run = ComfortRun(
         setting,
         with_rules=with_rules,
         cams=with_rules or course.cams,
@@ -328,21 +330,23 @@ def disturbed(course: Course, setting: Setting, at_s: float, *, with_rules: bool
     return run.go()
 
 
-def undisturbed(setting: Setting, *, open_ended: bool = False) -> Run:
+def undisturbed(setting: ComfortSetting, *, open_ended: bool = False) -> ComfortRun:
     """The undisturbed maneuver."""
-    return Run(setting, open_ended=open_ended).go()
+    return ComfortRun(setting, open_ended=open_ended).go()
 
 
-def uncoordinated(setting: Setting) -> Run:
+def uncoordinated(setting: ComfortSetting) -> ComfortRun:
     """The prescriber changes lanes at once, and vehicles in the way notice late (section VI-B)."""
-    return Run(replace(setting, four=replace(setting.four, coordinated=False))).go()
+    return ComfortRun(replace(setting, four=replace(setting.four, coordinated=False))).go()
 
 
-def nobody(setting: Setting, course: Course | None = None, at_s: float = 0.0) -> Run:
+def nobody(
+    setting: ComfortSetting, course: FaultyCourse | None = None, at_s: float = 0.0
+) -> ComfortRun:
     """The same road without a lane change."""
     four = setting.four
     never = replace(four, coordinated=False, signal_s=four.until_s + STEP_S)
-    run = Run(replace(setting, four=never))
+    run = ComfortRun(replace(setting, four=never))
     if course is not None and course.else_befalls is not None:
         befalls = course.else_befalls
         when = round((four.signal_s + at_s) * 1000)

@@ -27,7 +27,7 @@ FAR_S = 60.0
 
 
 @dataclass(frozen=True)
-class Track:
+class DrivenTrack:
     """One vehicle over time, each of shape (n,)."""
 
     t: Floats
@@ -37,33 +37,33 @@ class Track:
     acceleration: Floats
 
 
-def tracks(samples: Sequence[Sample]) -> dict[int, Track]:
+def tracks(samples: Sequence[Sample]) -> dict[int, DrivenTrack]:
     """By station id."""
     found = {}
     for station_id in sorted({s.station_id for s in samples}):
         of = [s for s in samples if s.station_id == station_id]
         rows = np.array([(s.t, s.x, s.y, s.speed, s.acceleration) for s in of])
-        found[station_id] = Track(*rows.T)
+        found[station_id] = DrivenTrack(*rows.T)
     return found
 
 
-def braking(track: Track) -> float:
+def braking(track: DrivenTrack) -> float:
     """The largest deceleration, m/s²; 0 if there is none."""
     return max(0.0, -float(track.acceleration.min()))
 
 
-def jerk(track: Track) -> float:
+def jerk(track: DrivenTrack) -> float:
     """The largest change of acceleration within JERK_S, m/s³, up or down."""
     steps = round(JERK_S / STEP_S)
     return float(np.abs(track.acceleration[steps:] - track.acceleration[:-steps]).max()) / JERK_S
 
 
-def lost(track: Track, alone: Track) -> float:
+def lost(track: DrivenTrack, alone: DrivenTrack) -> float:
     """Its distance behind ``alone`` at the end, m."""
     return float(alone.x[-1] - track.x[-1])
 
 
-def slowed(track: Track, alone: Track) -> float:
+def slowed(track: DrivenTrack, alone: DrivenTrack) -> float:
     """The time for which it was slower than ``alone`` by more than SLOWER, s."""
     return int(np.count_nonzero(track.speed < alone.speed - SLOWER)) * STEP_S
 
@@ -77,7 +77,7 @@ class Distance:
     collision_s: float | None
 
 
-def distance(of: int, found: dict[int, Track]) -> Distance:
+def distance(of: int, found: dict[int, DrivenTrack]) -> Distance:
     """The gap of one vehicle to the next one ahead at each time."""
     me = found[of]
     gaps, speeds = [], []
@@ -96,7 +96,7 @@ def distance(of: int, found: dict[int, Track]) -> Distance:
     return Distance(float(gap.min()), nearest if nearest < FAR_S else None)
 
 
-def first_slower(track: Track, alone: Track) -> float | None:
+def first_slower(track: DrivenTrack, alone: DrivenTrack) -> float | None:
     """The first time at which it was slower than ``alone`` by more than SLOWER, s; None: never."""
     (when,) = np.nonzero(track.speed < alone.speed - SLOWER)
     return round(float(track.t[when[0]]), 1) if len(when) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from automcm.applications.lane_change import Plan
-from automcm.applications.vehicle import Driving, Late
+from automcm.applications.vehicle import Driving, LateBraking
 from automcm_evaluation.comfort.comfort_courses import COURSES, PRESCRIBER, STAGES, B, C
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
 from automcm_evaluation.framework.experiment import Cell, Values, chosen
@@ -107,7 +107,7 @@ def names(report: Values) -> Values:
 
     return {
         "plan": Plan(),
-        "late": Late(),
+        "late": LateBraking(),
         "hardest": Driving().hardest,
         "hard": HARD,
         "jerk_s": JERK_S,

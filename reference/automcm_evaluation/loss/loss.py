@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.arrival.arrival import Arrival
+from automcm_evaluation.arrival.arrival import ArrivalSetting
 from automcm_evaluation.framework.experiment import (
     Experiment,
     Json,
@@ -29,7 +29,7 @@ TENS = tuple(range(0, 101, 10))
 FINE = {0: range(0, 31, 2), 1000: range(50, 91, 2), 2000: range(60, 101, 2)}
 """For each t_timeout, the losses around the knees, %."""
 UDP = (0, 30, 60)
-PLACE = Arrival()
+PLACE = ArrivalSetting()
 """Start and signal as in ``arrival``, so that the best class of Fig. 9 is the paper's."""
 
 

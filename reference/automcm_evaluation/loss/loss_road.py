@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 from automcm.applications.lane_change import PaperLaneChange, Plan
-from automcm.applications.vehicle import Late, Vehicle
+from automcm.applications.vehicle import LateBraking, Vehicle
 from automcm.links.simulated_radio import Channel
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
 from automcm_simulation.road.drive import SimulatedDrive, arrival_s
@@ -46,7 +46,7 @@ def drive(
     """
     speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
     prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
-    receiver = PaperLaneChange(Vehicle(2, 0.0, 1, speed, speed, late=Late()))
+    receiver = PaperLaneChange(Vehicle(2, 0.0, 1, speed, speed, late=LateBraking()))
     driven = SimulatedDrive(
         [prescriber, receiver],
         seed=seed,

@@ -23,7 +23,7 @@ BIN_MS = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SessionOutcome:
     """The outcome of one session: whether both stations act, the time of that or of the end, and
     the messages sent up to the end of that STEP_MS."""
 
@@ -61,7 +61,7 @@ def until_agreed(simulation: Simulation, parameters: Parameters) -> tuple[str, i
 
 def session(
     t_timeout: int, channel: Channel, seed: int, close_window: CloseWindow | None = None
-) -> Outcome:
+) -> SessionOutcome:
     """One session of a prescriber and an accepting receiver, from the request on.
 
     ``close_window`` is as in ``McService``; the paper's window has a fixed length.
@@ -77,7 +77,7 @@ def session(
         for kind, n in service.statistics.sent.items()
         if kind != "CAM"
     )
-    return Outcome(phase == "ACTUATING", at, sent)
+    return SessionOutcome(phase == "ACTUATING", at, sent)
 
 
 def block(values: Values, seed: int) -> Values:

@@ -10,7 +10,7 @@ from typing import Any
 
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import CloseWindow, all_answered
-from automcm_evaluation.loss.loss_sessions import Outcome, session
+from automcm_evaluation.loss.loss_sessions import SessionOutcome, session
 
 LOSSES = (0, 10, 20, 40)
 """Loss in per cent."""
@@ -30,7 +30,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Row:
+class WindowRow:
     """The same seeds with both windows at one loss, in per cent."""
 
     loss: int
@@ -47,20 +47,20 @@ class Row:
         return asdict(self) | {"ratio": round(self.ratio, 2)}
 
 
-def run(sessions: int, seed: int, notify: Callable[[str], None]) -> list[Row]:
+def run(sessions: int, seed: int, notify: Callable[[str], None]) -> list[WindowRow]:
     """Measure in virtual time: equal arguments give equal figures on every machine."""
     rows = []
     for loss in LOSSES:
         notify(f"loss {loss}%")
         draw = Random(seed)
         seeds = [draw.getrandbits(31) for _ in range(sessions)]
-        rows.append(Row(loss, _window(loss, seeds, None), _window(loss, seeds, all_answered)))
+        rows.append(WindowRow(loss, _window(loss, seeds, None), _window(loss, seeds, all_answered)))
     return rows
 
 
 def _window(loss: int, seeds: list[int], close_window: CloseWindow | None) -> Window:
     channel = Channel(loss=loss / 100)
-    outcomes: list[Outcome] = [session(T_TIMEOUT, channel, s, close_window) for s in seeds]
+    outcomes: list[SessionOutcome] = [session(T_TIMEOUT, channel, s, close_window) for s in seeds]
     times = sorted(each.after_ms for each in outcomes if each.agreed)
     return Window(
         agreed=len(times) / len(seeds),

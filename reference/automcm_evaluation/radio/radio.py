@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from automcm_evaluation.arrival.arrival import Arrival
+from automcm_evaluation.arrival.arrival import ArrivalSetting
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
@@ -18,7 +18,7 @@ from automcm_simulation.radio.table_radio import TableRadio
 
 BLOCK = 50
 """Sessions in one cell."""
-PLACE = Arrival()
+PLACE = ArrivalSetting()
 """Start, signal and target as for Fig. 8."""
 Metres = Annotated[int, Field(ge=1, le=1000)]
 Share = Annotated[float, Field(ge=0, le=2)]

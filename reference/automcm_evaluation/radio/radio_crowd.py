@@ -11,7 +11,7 @@ import numpy as np
 from automcm.links.clock import VirtualClock
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.framework.intervals import mean, quantile
-from automcm_evaluation.radio.radio_traffic import Traffic, positions
+from automcm_evaluation.radio.radio_traffic import FourLanes, positions
 from automcm_simulation.radio.radio_link import RadioLinks
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_spec.vocabulary.messages import BROADCAST
@@ -31,7 +31,7 @@ def crowd(values: Values, seed: int) -> Values:
     within NEAR_M ``arrived`` is the share of those sent, and ``gap_ms`` the time between two
     receptions that 95 % do not exceed.
     """
-    traffic = Traffic(name="", per_km=values["per_km"], seconds=0, seed=seed % 2**31)
+    traffic = FourLanes(name="", per_km=values["per_km"], seconds=0, seed=seed % 2**31)
     n, clock, random = traffic.vehicles, VirtualClock(), np.random.default_rng(seed)
     courses = positions(traffic)
     place = np.zeros((n, 2))

@@ -23,7 +23,7 @@ from automcm_evaluation.radio.radio_traffic import (
     STEP_MS,
     WARM_MS,
     Course,
-    Traffic,
+    FourLanes,
     drive,
     measured,
     ns3_measured,
@@ -32,21 +32,21 @@ from automcm_evaluation.radio.radio_traffic import (
 from automcm_simulation.radio import table_radio
 from automcm_simulation.radio.ns3_radio import Ns3Radio
 from automcm_simulation.radio.propagation import BUSY_DBM, Propagation, airtime_us
-from automcm_simulation.radio.table_radio import Bursts, Table, hidden_airtime
+from automcm_simulation.radio.table_radio import Bursts, FittedTable, hidden_airtime
 from automcm_spec.support import files
 
 FITTED = (
-    Traffic(name="10 per km", per_km=10, seconds=200),
-    Traffic(name="25 per km", per_km=25, seconds=60),
-    Traffic(name="50 per km", per_km=50, seconds=30),
-    Traffic(name="100 per km", per_km=100, seconds=10),
-    Traffic(name="150 per km", per_km=150, seconds=7),
-    Traffic(name="200 per km", per_km=200, seconds=4),
-    Traffic(name="200 per km, 20 Hz", per_km=200, seconds=1, period_ms=50),
+    FourLanes(name="10 per km", per_km=10, seconds=200),
+    FourLanes(name="25 per km", per_km=25, seconds=60),
+    FourLanes(name="50 per km", per_km=50, seconds=30),
+    FourLanes(name="100 per km", per_km=100, seconds=10),
+    FourLanes(name="150 per km", per_km=150, seconds=7),
+    FourLanes(name="200 per km", per_km=200, seconds=4),
+    FourLanes(name="200 per km, 20 Hz", per_km=200, seconds=1, period_ms=50),
 )
 CHECKED = (
-    Traffic(name="75 per km", per_km=75, seconds=40, seed=2, fitted=False),
-    Traffic(
+    FourLanes(name="75 per km", per_km=75, seconds=40, seed=2, fitted=False),
+    FourLanes(
         name="120 per km, 400 bytes",
         per_km=120,
         seconds=4,
@@ -55,7 +55,7 @@ CHECKED = (
         seed=3,
         fitted=False,
     ),
-    Traffic(name="two jams", per_km=67, seconds=8, jams=True, seed=5, fitted=False),
+    FourLanes(name="two jams", per_km=67, seconds=8, jams=True, seed=5, fitted=False),
 )
 """Not used for the fit."""
 MEAN_US = float(np.average([airtime_us(b) for b in FITTED[0].size_bytes], weights=FITTED[0].shares))
@@ -196,11 +196,11 @@ def hidden() -> Floats:
     return found
 
 
-def fitted(bursts: Bursts) -> Table:
+def fitted(bursts: Bursts) -> FittedTable:
     """The table of the kept counts.  Raises OSError without them."""
     parts = [np.load(COUNTS / f"{traffic.name}.npz") for traffic in FITTED]
     made, delays, busy = (sum(p[name] for p in parts) for name in ("made", "delays", "busy"))
-    return Table(
+    return FittedTable(
         source="ns-3 3.44 by automcm_evaluation.radio.radio_fit",
         size_bytes=(FITTED[0].size_bytes[0], FITTED[0].size_bytes[1]),
         frame_us=MEAN_US,

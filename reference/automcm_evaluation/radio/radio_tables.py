@@ -10,8 +10,8 @@ from automcm_evaluation.loss.loss_tables import CLASSES, classes
 from automcm_evaluation.radio.radio_traffic import (
     REACH_M,
     WIDTH_M,
+    DistanceRow,
     Measured,
-    Row,
     ns3_measured,
 )
 
@@ -30,7 +30,7 @@ TARGET = 0.68
 """Of the channel busy ratio (dcc)."""
 
 
-def arrivals(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
+def arrivals(ns3: Measured, rows: Sequence[DistanceRow]) -> list[Values]:
     """By distance: the share that arrives in ns-3 and by the table, in per cent."""
     return [
         {
@@ -42,7 +42,7 @@ def arrivals(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
     ]
 
 
-def bursts(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
+def bursts(ns3: Measured, rows: Sequence[DistanceRow]) -> list[Values]:
     """By bands of BAND_M, likewise: ``again`` is how often the next frame of a pair is lost after a
     loss, ``long`` how many runs of losses are long.  Bands with fewer than ENOUGH runs in ns-3 are
     left out."""
@@ -59,10 +59,10 @@ def bursts(ns3: Measured, rows: Sequence[Row]) -> list[Values]:
     return found
 
 
-def _sum(rows: Sequence[Row], first: int) -> Row:
+def _sum(rows: Sequence[DistanceRow], first: int) -> DistanceRow:
     own = [row for row in rows if first <= row.distance_m < first + BAND_M]
-    names = [name for name in Row.model_fields if name != "distance_m"]
-    return Row(distance_m=first, **{n: sum(getattr(row, n) for row in own) for n in names})
+    names = [name for name in DistanceRow.model_fields if name != "distance_m"]
+    return DistanceRow(distance_m=first, **{n: sum(getattr(row, n) for row in own) for n in names})
 
 
 def _percent(part: int, of: int) -> float:
@@ -80,7 +80,7 @@ def summary(cells: Sequence[Cell]) -> Values:
     fit = []
     for cell in reversed(chosen(cells, part="fit")):
         own = ns3[cell.values["traffic"]]
-        rows = [Row.model_validate(row) for row in cell.result["rows"]]
+        rows = [DistanceRow.model_validate(row) for row in cell.result["rows"]]
         arrived, bands = arrivals(own, rows), bursts(own, rows)
         fit.append(
             {

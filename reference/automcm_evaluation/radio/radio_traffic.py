@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from automcm_simulation.radio.propagation import OfferedLoad, Propagation, airtime_us
-from automcm_simulation.radio.radio import Arrival, Radio
+from automcm_simulation.radio.radio import Arrival, RadioModel
 
 STEP_MS = 100
 WARM_MS = 1000
@@ -27,13 +27,13 @@ LONG = 3
 """Losses in a row that count as a long run."""
 
 
-class MeasuredRadio(Radio, Protocol):
+class MeasuredRadio(RadioModel, Protocol):
     """A radio whose mean powers are known."""
 
     propagation: Propagation
 
 
-class Traffic(BaseModel):
+class FourLanes(BaseModel):
     """Vehicles on a straight road of four lanes, which all send with the same period."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -59,7 +59,7 @@ class Traffic(BaseModel):
         return round(self.per_km * self.road_m / 1000)
 
 
-class Row(BaseModel):
+class DistanceRow(BaseModel):
     """The frames of the first size that were sent at about this distance."""
 
     distance_m: int
@@ -78,9 +78,9 @@ class Row(BaseModel):
 class Measured(BaseModel):
     """What arrived of a traffic, and the mean channel busy ratio."""
 
-    traffic: Traffic
+    traffic: FourLanes
     busy: float
-    rows: list[Row]
+    rows: list[DistanceRow]
 
 
 MEASUREMENTS = TypeAdapter(list[Measured])
@@ -100,7 +100,7 @@ class Course:
     step: np.ndarray[tuple[int], np.dtype[np.intp]]
     sender: np.ndarray[tuple[int], np.dtype[np.intp]]
     size: np.ndarray[tuple[int], np.dtype[np.intp]]
-    """An index into ``Traffic.size_bytes``."""
+    """An index into ``FourLanes.size_bytes``."""
     hits: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
     """By frame and receiver."""
     delay_ms: np.ndarray[tuple[int], np.dtype[np.intp]]
@@ -114,7 +114,7 @@ class Course:
     """The channel busy ratio, likewise."""
 
 
-def positions(traffic: Traffic) -> Iterator[dict[int, tuple[float, float]]]:
+def positions(traffic: FourLanes) -> Iterator[dict[int, tuple[float, float]]]:
     """Of each step; a vehicle that leaves the road enters it again at the other end."""
     random = np.random.default_rng((traffic.seed, 9))
     n, road = traffic.vehicles, traffic.road_m
@@ -128,7 +128,7 @@ def positions(traffic: Traffic) -> Iterator[dict[int, tuple[float, float]]]:
         x = (x + speed * STEP_MS / 1000) % road
 
 
-def drive(radio: MeasuredRadio, traffic: Traffic) -> Course:
+def drive(radio: MeasuredRadio, traffic: FourLanes) -> Course:
     """Run the traffic over a radio."""
     random = np.random.default_rng((traffic.seed, 8))
     n, offered = traffic.vehicles, OfferedLoad()
@@ -178,7 +178,7 @@ def drive(radio: MeasuredRadio, traffic: Traffic) -> Course:
     )
 
 
-def measured(traffic: Traffic, course: Course) -> Measured:
+def measured(traffic: FourLanes, course: Course) -> Measured:
     """What arrived by distance, of the frames after WARM_MS."""
     bins = REACH_M // WIDTH_M + 1
     counts = np.zeros((6, bins), dtype=np.int64)
@@ -199,7 +199,7 @@ def measured(traffic: Traffic, course: Course) -> Measured:
         ):
             counts[row] += np.bincount(place[: len(which)][which], minlength=bins)
     rows = [
-        Row(
+        DistanceRow(
             distance_m=bin_ * WIDTH_M,
             frames=int(c[0]),
             arrived=int(c[1]),
@@ -221,9 +221,9 @@ def pooled(parts: Sequence[Measured]) -> Measured:
     for same in zip(*(part.rows for part in parts), strict=True):
         sums = {
             name: sum(getattr(row, name) for row in same)
-            for name in Row.model_fields
+            for name in DistanceRow.model_fields
             if name != "distance_m"
         }
-        rows.append(Row(distance_m=same[0].distance_m, **sums))
+        rows.append(DistanceRow(distance_m=same[0].distance_m, **sums))
     busy = sum(part.busy for part in parts) / len(parts)
     return Measured(traffic=parts[0].traffic, busy=round(busy, 4), rows=rows)

@@ -26,7 +26,7 @@ LASTS_MS = (500, 6000)
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class Injected:
     """One fault of KINDS.  ``until_ms``: the end of a cut, or the restart of a crashed station."""
 
     kind: str
@@ -43,16 +43,16 @@ class Roles:
     second: int = 0
 
 
-def drawn(kinds: Sequence[str], window: tuple[int, int], draw: random.Random) -> list[Fault]:
+def drawn(kinds: Sequence[str], window: tuple[int, int], draw: random.Random) -> list[Injected]:
     """A fault of each kind, at uniformly distributed times of the window, in ms."""
     faults = []
     for kind in kinds:
         at = draw.randint(*window)
-        faults.append(Fault(kind, at, at + draw.randint(*LASTS_MS)))
+        faults.append(Injected(kind, at, at + draw.randint(*LASTS_MS)))
     return faults
 
 
-def inject(faults: Sequence[Fault], watched: Watched, roles: Roles) -> int:
+def inject(faults: Sequence[Injected], watched: Watched, roles: Roles) -> int:
     """Schedule the faults; returns the end of the last one, in ms.
 
     The first end of overlapping cuts ends all of them.
@@ -67,7 +67,7 @@ def inject(faults: Sequence[Fault], watched: Watched, roles: Roles) -> int:
     return max((fault.until_ms for fault in faults), default=0)
 
 
-def _cut(fault: Fault, watched: Watched, roles: Roles) -> None:
+def _cut(fault: Injected, watched: Watched, roles: Roles) -> None:
     forth, back = CUTS[fault.kind]
 
     def cut() -> None:
@@ -80,7 +80,7 @@ def _cut(fault: Fault, watched: Watched, roles: Roles) -> None:
     watched.clock.at(fault.until_ms, watched.radio.mend)
 
 
-def _hit(fault: Fault, watched: Watched, roles: Roles) -> None:
+def _hit(fault: Injected, watched: Watched, roles: Roles) -> None:
     who, what = fault.kind.split()
     station_id = roles.target if who == "target" else roles.prescriber
     if what == "aborts":

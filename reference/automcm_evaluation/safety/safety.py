@@ -19,9 +19,9 @@ from automcm.links.simulated_radio import Channel
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_evaluation.safety import safety_figures, safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
-from automcm_evaluation.safety.faults import KINDS, Fault, Roles, drawn, inject
+from automcm_evaluation.safety.faults import KINDS, Injected, Roles, drawn, inject
 from automcm_evaluation.safety.safety_tables import names, summary
-from automcm_simulation.road.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_simulation.road.hazard_measures import MeasuredHazard, Watched, bound_ms, met
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -117,10 +117,10 @@ def class_bound(values: Values, ablation: Ablation) -> tuple[str, int]:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """The outcome of one run."""
 
-    hazards: list[Hazard]
+    hazards: list[MeasuredHazard]
     agreed: int
     """Sessions in which the prescriber was accepted."""
     completed: int
@@ -132,18 +132,18 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SafetyPlan:
     """The random choices of a run."""
 
     loss: float
-    faults: list[Fault]
+    faults: list[Injected]
     maneuver_ms: int
     refuses: int
     again_ms: int = 0
     """The time at which the prescriber requests another maneuver; 0: never."""
 
 
-def planned(values: Values, draw: random.Random) -> Plan:
+def planned(values: Values, draw: random.Random) -> SafetyPlan:
     """Faults and applications of one run."""
     part = values["part"]
     loss = values["loss"] if part == "faults" else 0.0
@@ -155,7 +155,7 @@ def planned(values: Values, draw: random.Random) -> Plan:
     else:
         kinds = [values["fault"]] if values["fault"] != NOTHING else []
     faults = drawn(kinds, WINDOW_MS, draw)
-    return Plan(
+    return SafetyPlan(
         loss=loss,
         faults=faults,
         maneuver_ms=10 * LONGEST_MS if draw.random() < NEVER_ENDS else draw.randint(*MANEUVER_MS),
@@ -164,7 +164,7 @@ def planned(values: Values, draw: random.Random) -> Plan:
     )
 
 
-def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
+def drive(values: Values, seed: int, logs: Path | None = None) -> RunOutcome:
     """One run of a cell without a road."""
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     plan = planned(values, random.Random(seed))
@@ -173,7 +173,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
     return simulated(watched, plan, ablation.parameters)
 
 
-def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
+def simulated(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> RunOutcome:
     """A prescriber, its target, and optionally a second prescriber."""
     ids = [ROLES.prescriber, ROLES.target]
     if any(fault.kind == "second prescriber" for fault in plan.faults):
@@ -195,7 +195,7 @@ def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
         watched.clock.run(watched.clock.now() + 500)
     stuck = not watched.idle
     watched.run(watched.clock.now())
-    return Outcome(
+    return RunOutcome(
         hazards=watched.over(),
         agreed=len(watched.agreed),
         completed=len(watched.completed),
@@ -204,7 +204,7 @@ def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
     )
 
 
-def together(outcomes: Sequence[Outcome], seeds: Sequence[int], b: int) -> Values:
+def together(outcomes: Sequence[RunOutcome], seeds: Sequence[int], b: int) -> Values:
     """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
     return met(seeds, [outcome.hazards for outcome in outcomes], b) | {
         "unexcused": sum(any(not h.excuse for h in o.hazards) for o in outcomes),

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from automcm.applications.lane_change import LaneChange, PaperLaneChange
-from automcm.applications.vehicle import Late, Vehicle
+from automcm.applications.vehicle import LateBraking, Vehicle
 from automcm.links.simulated_radio import Channel
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
 from automcm_evaluation.safety.faults import CUTS, Roles, drawn, inject
 from automcm_simulation.road.drive import STEP_MS, FourVehicles, SimulatedDrive
-from automcm_simulation.road.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_simulation.road.hazard_measures import MeasuredHazard, Watched, bound_ms, met
 from automcm_simulation.road.road import Sample
 
 ROLES = Roles(prescriber=1, target=3)
@@ -68,7 +68,7 @@ def run(values: Values, seeds: Sequence[int]) -> Values:
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class SafetyDrive:
     """The outcome of one drive."""
 
     room_m: float | None
@@ -80,14 +80,14 @@ class Driven:
     """Least time to collision; None if no vehicles approached each other."""
     braking: float
     """Hardest deceleration of a receiver, m/s²."""
-    hazards: list[Hazard]
+    hazards: list[MeasuredHazard]
     begun: bool
     """Whether it changed lanes during a hazard."""
     unasked: bool
     """Whether it changed lanes without an agreement."""
 
 
-def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
+def drive(values: Values, seed: int, logs: Path | None = None) -> SafetyDrive:
     """One drive: a fault that begins in the given one of WINDOWS_MS, and loss.
 
     A target that is committed at the beginning of the lane change follows the prescriber from then
@@ -117,18 +117,18 @@ def _informed(made: SimulatedDrive, watched: Watched) -> None:
     """The vehicles that notice late are determined at the beginning of the lane change."""
     prescriber, *others = (driver.vehicle for driver in made.drivers)
     for vehicle in others:
-        vehicle.late = Late()
+        vehicle.late = LateBraking()
     (target,) = (vehicle for vehicle in others if vehicle.station_id == ROLES.target)
 
     def look() -> None:
         if not prescriber.changing:
-            target.late = None if watched.committed(ROLES.target) else Late()
+            target.late = None if watched.committed(ROLES.target) else LateBraking()
             watched.clock.at(watched.clock.now() + STEP_MS, look)
 
     watched.clock.at(0, look)
 
 
-def _driven(made: SimulatedDrive, watched: Watched) -> Driven:
+def _driven(made: SimulatedDrive, watched: Watched) -> SafetyDrive:
     prescriber = made.drivers[0]
     samples = made.road.samples
     room, gap, ttc = nearest(samples, prescriber.vehicle)
@@ -140,7 +140,7 @@ def _driven(made: SimulatedDrive, watched: Watched) -> Driven:
     own = prescriber.vehicle.station_id
     hardest = -min(s.acceleration for s in samples if s.station_id != own)
     unasked = room is not None and not watched.agreed
-    return Driven(room, gap, ttc, hardest, hazards, begun, unasked)
+    return SafetyDrive(room, gap, ttc, hardest, hazards, begun, unasked)
 
 
 def nearest(

@@ -10,8 +10,8 @@ from typing import Any
 
 from automcm_evaluation.framework.experiment import PAGES, Cell, Values, canonical
 from automcm_simulation.traffic.mover import TrafficError
-from automcm_simulation.traffic.traffic_scenario import Setting
-from automcm_simulation.traffic_scenarios.traffic_run import RadioName, Run, wrong
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
+from automcm_simulation.traffic_scenarios.traffic_run import RadioName, TrafficRun, wrong
 from automcm_spec.support import markdown, scratch
 
 SECONDS = 30.0
@@ -25,13 +25,13 @@ Judge = Callable[[Sequence[Path]], list[str]]
 """A line for each log that the specification does not allow."""
 
 
-def drawn(scenario: str, seed: int) -> Run:
+def drawn(scenario: str, seed: int) -> TrafficRun:
     """The run with this seed, which draws all settings.
 
     Half of the runs use the table radio, the others lose a share of LOSSES.
     """
     draw = Random(f"{scenario}/{seed}")
-    setting = Setting(
+    setting = TrafficSetting(
         seed=seed,
         vehicles=draw.randint(*VEHICLES),
         density=draw.choice(DENSITIES),
@@ -40,10 +40,10 @@ def drawn(scenario: str, seed: int) -> Run:
     )
     radio: RadioName = draw.choice(("even", "table"))
     loss = draw.choice(LOSSES) if radio == "even" else 0.0
-    return Run(scenario=scenario, setting=setting, radio=radio, loss=loss)
+    return TrafficRun(scenario=scenario, setting=setting, radio=radio, loss=loss)
 
 
-def command(run: Run) -> str:
+def command(run: TrafficRun) -> str:
     """The command that repeats this run with its logs and its page."""
     s = run.setting
     loss = f" --loss {run.loss}" if run.radio == "even" else ""
@@ -78,7 +78,7 @@ def check(values: Values, judge: Judge) -> Values:
         }
 
 
-def _checked(run: Run, twice: bool, judge: Judge) -> Values:
+def _checked(run: TrafficRun, twice: bool, judge: Judge) -> Values:
     record, digest, judged = _once(run, judge)
     found = [*wrong(record), *judged]
     if twice and _once(run, lambda logs: [])[1] != digest:
@@ -100,7 +100,7 @@ def _checked(run: Run, twice: bool, judge: Judge) -> Values:
     }
 
 
-def _once(run: Run, judge: Judge) -> tuple[dict[str, Any], str, list[str]]:
+def _once(run: TrafficRun, judge: Judge) -> tuple[dict[str, Any], str, list[str]]:
     """The record, its digest with the logs, and the judge's lines."""
     with scratch.folder("traffic-logs") as folder:
         record = run.record(run.drive(logs=folder))

@@ -8,13 +8,13 @@ from types import MappingProxyType
 from automcm.applications.vehicle import LANE_WIDTH
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_evaluation.framework.intervals import quantile
-from automcm_simulation.radio.radio import Radio
+from automcm_simulation.radio.radio import RadioModel
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_simulation.traffic.even_radio import EvenRadio
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.sumo_mover import SumoMover
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters
@@ -33,7 +33,7 @@ IN_LANE_M = 0.5
 """A vehicle so near to the middle of another lane has changed lanes."""
 
 
-class LaneChanges:
+class LaneChangeCounter:
     """Counts the lane changes of all vehicles; an observer of ``Traffic``."""
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ def run(values: Values, seed: int) -> Values:
     """Run a cell.  The road users are those of ``values["seed"]`` in every variant; ``seed`` is
     that of the radio.  Raises ExperimentError without SUMO."""
     scenario, variant = SCENARIOS[values["scenario"]], values["variant"]
-    setting = Setting(
+    setting = TrafficSetting(
         seed=values["seed"],
         vehicles=max(1, round(values["per_km"] * values["metres"] / 1000)),
         density=values["per_km"],
@@ -64,8 +64,8 @@ def run(values: Values, seed: int) -> Values:
         duration_s=values["seconds"],
     )
     users = scenario.users(setting)
-    radio: Radio = EvenRadio(1.0, 0) if variant != "stations" else TableRadio(seed % 2**31)
-    lanes = LaneChanges()
+    radio: RadioModel = EvenRadio(1.0, 0) if variant != "stations" else TableRadio(seed % 2**31)
+    lanes = LaneChangeCounter()
     try:
         with scratch.folder("traffic") as folder:
             mover = SumoMover(

@@ -16,7 +16,7 @@ and BTP (4)."""
 
 
 class Arrival(NamedTuple):
-    """A frame that arrived.  The order is that of ``Radio.advance``."""
+    """A frame that arrived.  The order is that of ``RadioModel.advance``."""
 
     at_ms: int
     frame: int
@@ -24,7 +24,7 @@ class Arrival(NamedTuple):
     """Those that it reached at this time, by id."""
 
 
-class Radio(Protocol):
+class RadioModel(Protocol):
     """A broadcast channel.  A station is known by its id, from ``move`` on.
 
     Time never goes back: ``now_ms`` and ``until_ms`` are at least the last ``until_ms``.
@@ -61,7 +61,7 @@ class Radio(Protocol):
 
 
 class Sequence:
-    """Checks the calls of a ``Radio`` against its rules; each raises ValueError."""
+    """Checks the calls of a ``RadioModel`` against its rules; each raises ValueError."""
 
     def __init__(self) -> None:
         self.now_ms = 0

@@ -1,4 +1,4 @@
-"""Links of services over a ``Radio``, in virtual time, with congestion control.
+"""Links of services over a ``RadioModel``, in virtual time, with congestion control.
 
 Congestion control is the adaptive approach of ETSI TS 102 687 V1.2.1. The text of the standard was
 not read; the formulas and values are those that public implementations cite from its sections 5.4
@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 from automcm.links.clock import Clock
 from automcm.links.link import Receiver
 from automcm_simulation.radio.propagation import airtime_us
-from automcm_simulation.radio.radio import LARGEST_BYTES, Radio
+from automcm_simulation.radio.radio import LARGEST_BYTES, RadioModel
 from automcm_spec.vocabulary.messages import BROADCAST
 
 ALPHA, BETA, TARGET = 0.016, 0.0012, 0.68
@@ -96,7 +96,7 @@ class RadioLinks:
     def __init__(
         self,
         clock: Clock,
-        radio: Radio,
+        radio: RadioModel,
         places: Callable[[], Mapping[int, tuple[float, float]]] | None = None,
         *,
         congestion_control: bool = False,

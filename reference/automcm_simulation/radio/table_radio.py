@@ -50,7 +50,7 @@ class Bursts(BaseModel):
         return share
 
 
-class Table(BaseModel):
+class FittedTable(BaseModel):
     """What was fitted.  ``delivery[size][load][power]`` is a share, ``busy[load]`` the channel busy
     ratio, ``delay_ms[load]`` equally likely delays of a frame of the first size."""
 
@@ -76,9 +76,11 @@ class Table(BaseModel):
 
 
 @cache
-def committed() -> Table:
+def committed() -> FittedTable:
     """The table in radio_table.json, by ``automcm_evaluation.radio.radio_fit``."""
-    return Table.model_validate_json(Path(__file__).with_name("radio_table.json").read_bytes())
+    return FittedTable.model_validate_json(
+        Path(__file__).with_name("radio_table.json").read_bytes()
+    )
 
 
 class TableRadio:
@@ -88,7 +90,9 @@ class TableRadio:
     airtime, at least 0.  Raises ValueError for another one.
     """
 
-    def __init__(self, seed: int, table: Table | None = None, *, background: float = 0.0) -> None:
+    def __init__(
+        self, seed: int, table: FittedTable | None = None, *, background: float = 0.0
+    ) -> None:
         if not 0 <= background < math.inf:
             raise ValueError(f"background must be a finite share of at least 0, not {background}")
         self._background = background

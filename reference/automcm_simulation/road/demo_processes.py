@@ -33,7 +33,7 @@ VALID_S = 86_400
 
 
 @dataclass
-class Vehicle:
+class DemoVehicle:
     """One process and its reports."""
 
     name: str
@@ -106,7 +106,7 @@ class Demo:
     seed: int = 0
     listen_ms: int = 1100
     changed: Callable[[Demo], None] = lambda demo: None
-    vehicles: list[Vehicle] = field(default_factory=list)
+    vehicles: list[DemoVehicle] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     delivered: int = 0
@@ -119,14 +119,14 @@ class Demo:
         aside = ["--no-concerned", "--target", "3"]
         aside += ["--close-early"] if self.close_early else []
         self.vehicles = [
-            Vehicle("prescriber", 1, ["--request-after", asks, "--maneuver", "4000", *aside]),
-            *(Vehicle(name, n, list(impatient)) for n, name in enumerate("ABC", 2)),
+            DemoVehicle("prescriber", 1, ["--request-after", asks, "--maneuver", "4000", *aside]),
+            *(DemoVehicle(name, n, list(impatient)) for n, name in enumerate("ABC", 2)),
         ]
         if self.second_prescriber:
             asks_long = ["--request-after", "1", "--set", "t_timeout=4000"]
-            self.vehicles.append(Vehicle("second prescriber", 5, asks_long + aside))
+            self.vehicles.append(DemoVehicle("second prescriber", 5, asks_long + aside))
 
-    def vehicle(self, name: str) -> Vehicle:
+    def vehicle(self, name: str) -> DemoVehicle:
         """The vehicle with this name."""
         return next(vehicle for vehicle in self.vehicles if vehicle.name == name)
 
@@ -183,7 +183,7 @@ class Demo:
 
     _ending = False
 
-    async def _start(self, vehicle: Vehicle, log: Path, relay: Relay, began: float) -> None:
+    async def _start(self, vehicle: DemoVehicle, log: Path, relay: Relay, began: float) -> None:
         host, port = relay.address
         command = [
             *(sys.executable, "-P", "-m", "automcm_cli", "station", "--first"),
@@ -198,7 +198,7 @@ class Demo:
             stderr=asyncio.subprocess.PIPE,
         )
 
-    async def _read(self, vehicle: Vehicle) -> None:
+    async def _read(self, vehicle: DemoVehicle) -> None:
         """Take the reports of one process until it ends."""
         process = vehicle.process
         assert process is not None and process.stdout is not None and process.stderr is not None

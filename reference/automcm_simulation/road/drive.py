@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from automcm.applications.lane_change import LaneChange, Plan
-from automcm.applications.vehicle import STEP_S, Driving, Late, Vehicle
+from automcm.applications.vehicle import STEP_S, Driving, LateBraking, Vehicle
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.encoding.codec import JSON, Codec
@@ -113,7 +113,7 @@ class FourVehicles:
     until_s: float = 40.0
     seed: int = 0
     plan: Plan = field(default_factory=Plan)
-    late: Late = field(default_factory=Late)
+    late: LateBraking = field(default_factory=LateBraking)
     driving: Driving = field(default_factory=Driving)
 
     def __post_init__(self) -> None:

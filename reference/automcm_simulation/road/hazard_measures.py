@@ -46,7 +46,7 @@ def bound_ms(parameters: Parameters, delay_ms: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Hazard:
+class MeasuredHazard:
     """``excuse`` is one of EXCUSES; if it is empty, S-5 does not hold."""
 
     session: Session
@@ -60,7 +60,7 @@ class Hazard:
         return self.until_ms - self.since_ms
 
 
-def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[str, Any]:
+def met(seeds: Sequence[int], runs: Sequence[Sequence[MeasuredHazard]], b: int) -> dict[str, Any]:
     """The hazards of runs with these seeds: their sorted ``lengths`` in ms by excuse (or ``none``),
     and the first that are ``wrong``: unexcused, or longer than ``b``."""
     lengths: dict[str, list[int]] = {}
@@ -106,7 +106,7 @@ class Watched(Simulation):
         service: Callable[..., McService] = McService,
     ) -> None:
         super().__init__(seed=seed, channel=channel, logs=logs, service=service)
-        self.hazards: list[Hazard] = []
+        self.hazards: list[MeasuredHazard] = []
         """The finished hazards, in the order of their ends."""
         self.agreed: set[Session] = set()
         """Sessions in which the prescriber got the indication accepted."""
@@ -152,7 +152,7 @@ class Watched(Simulation):
         states = (s.state for n, s in self.services.items() if n not in self.down)
         return not any(st.bound or st.outbox for st in states)
 
-    def over(self) -> list[Hazard]:
+    def over(self) -> list[MeasuredHazard]:
         """All hazards; an unfinished one ends now."""
         return self.hazards + [self._hazard(session) for session in self._since]
 
@@ -201,7 +201,7 @@ class Watched(Simulation):
         same = (peer.session, peer.proposal) == (st.session, st.proposal)
         return same and self.committed(st.target)
 
-    def _hazard(self, session: Session) -> Hazard:
+    def _hazard(self, session: Session) -> MeasuredHazard:
         since, target = self._since[session]
         excuse = self._excuses.get((session, target), "")
-        return Hazard(session, since, self.clock.now(), excuse)
+        return MeasuredHazard(session, since, self.clock.now(), excuse)

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from automcm.applications.lane_change import LaneChange, Plan
-from automcm.applications.occupancy import HARDEST, LEAST_M, LENGTH_M, WIDTH_M, Track
+from automcm.applications.occupancy import HARDEST, LEAST_M, LENGTH_M, WIDTH_M, Seen
 from automcm.applications.planning import LIMITS
 from automcm.applications.vehicle import (
     LANE_WIDTH,
@@ -75,7 +75,7 @@ SETTLED_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class Drawn:
     """What is drawn for one drive.  Tuples are of the prescriber, A, B, C, and the vehicle that
     cuts in."""
 
@@ -106,7 +106,7 @@ class Setting:
     """How far ahead of the prescriber (m) and how long after its begin (s)."""
 
 
-def setting(seed: int, kind: str = "", sigma: float | None = None) -> Setting:
+def setting(seed: int, kind: str = "", sigma: float | None = None) -> Drawn:
     """What this seed draws; ``kind`` and ``sigma`` replace what is drawn."""
     draw = random.Random(seed)
     kind = kind or draw.choice(KINDS)
@@ -122,7 +122,7 @@ def setting(seed: int, kind: str = "", sigma: float | None = None) -> Setting:
         how = draw.choice(("answers", "answers", "CAM only", "seen only"))
         how = kind if one == "B" else "answers" if kind == "answers" else how
         hows.append("answers" if how == "seen only" and not sees else how)
-    return Setting(
+    return Drawn(
         seed,
         kind,
         loss,
@@ -172,7 +172,7 @@ def bends(radius: float, left: bool, length: float) -> RoadLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class SweptDrive:
     """One drive: its settings and its outcome."""
 
     seed: int
@@ -201,7 +201,7 @@ class Driven:
         return tight or self.braking > HARDEST + 1e-6
 
 
-def drive(seed: int, without: str = "", kind: str = "", sigma: float | None = None) -> Driven:
+def drive(seed: int, without: str = "", kind: str = "", sigma: float | None = None) -> SweptDrive:
     """The drive of this seed, without a mechanism of WITHOUT, with B of this kind, and with
     positions of this standard deviation.
 
@@ -218,7 +218,7 @@ def drive(seed: int, without: str = "", kind: str = "", sigma: float | None = No
     return _driven(made, prescriber, setting(seed, kind, sigma))
 
 
-def made_of(drawn: Setting, without: str = "") -> tuple[SimulatedDrive, LaneChange]:
+def made_of(drawn: Drawn, without: str = "") -> tuple[SimulatedDrive, LaneChange]:
     """The drive before its start, and the prescriber."""
     driving = Driving()
     line = bends(drawn.radius_m, drawn.left, (drawn.speed + FASTER[1]) * UNTIL_S)
@@ -269,7 +269,7 @@ def made_of(drawn: Setting, without: str = "") -> tuple[SimulatedDrive, LaneChan
     return made, prescriber
 
 
-def _offsets(drawn: Setting) -> dict[int, int]:
+def _offsets(drawn: Drawn) -> dict[int, int]:
     """By how much each clock is ahead of the road's, ms; none is below 0."""
     zero = OFFSETS_MS[1]
     offsets = (0, *drawn.offsets_ms, 0)
@@ -278,7 +278,7 @@ def _offsets(drawn: Setting) -> dict[int, int]:
 
 def sight(
     own: Vehicle, vehicles: Sequence[Vehicle], seed: int = 0
-) -> Callable[[Floats, int, int], list[Track]]:
+) -> Callable[[Floats, int, int], list[Seen]]:
     """Perception that sees every vehicle within SIGHT_M.
 
     It measures from the vehicle's own measured position, with errors of SEEN_SHARE of its sigma.
@@ -287,7 +287,7 @@ def sight(
     errors = {v.station_id: PositionError(sigma, f"{seed}/seen/{v.station_id}") for v in vehicles}
     last_ms = 0
 
-    def occupied(region: Floats, t0_ms: int, t1_ms: int) -> list[Track]:
+    def occupied(region: Floats, t0_ms: int, t1_ms: int) -> list[Seen]:
         nonlocal last_ms
         found = []
         for v in vehicles:
@@ -300,7 +300,7 @@ def sight(
             s, d = v.s + s - own.s + error.along, v.d + d - own.d + error.across
             x, y, heading = v.line.pose(s, d)
             vx, vy = v.speed * math.cos(heading), v.speed * math.sin(heading)
-            found.append(Track(x=x, y=y, vx=vx, vy=vy, length=v.length, width=v.width, sigma=sigma))
+            found.append(Seen(x=x, y=y, vx=vx, vy=vy, length=v.length, width=v.width, sigma=sigma))
         last_ms = t0_ms
         return found
 
@@ -326,12 +326,12 @@ def cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float, from_ms: int) 
     clock.at(from_ms, look)
 
 
-def _driven(made: SimulatedDrive, prescriber: LaneChange, drawn: Setting) -> Driven:
+def _driven(made: SimulatedDrive, prescriber: LaneChange, drawn: Drawn) -> SweptDrive:
     own = prescriber.vehicle
     words = [what for _, what in prescriber.story]
     hardest = max(0.0, -min(s.acceleration for s in made.road.samples))
     left = room(made, own)
-    return Driven(
+    return SweptDrive(
         drawn.seed,
         drawn.kind,
         drawn.loss,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from automcm.applications.vehicle import LANE_WIDTH, STEP_S, Late, Vehicle, idm
+from automcm.applications.vehicle import LANE_WIDTH, STEP_S, LateBraking, Vehicle, idm
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Road:
             following = min(following, max(feedback, -d.comfortable))
         return max(following, -d.hardest)
 
-    def _late(self, v: Vehicle, late: Late) -> float | None:
+    def _late(self, v: Vehicle, late: LateBraking) -> float | None:
         """The acceleration after a late notice; None without one."""
         if not v._braking:
             others = (o for o in self.vehicles if o is not v and o.changing)

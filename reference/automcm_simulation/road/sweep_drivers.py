@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from automcm.applications.lane_change import SCENARIO, Coordinated, LaneChange, PaperLaneChange
-from automcm.applications.occupancy import LENGTH_M, Track
+from automcm.applications.occupancy import LENGTH_M, Seen
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.road_line import RoadLine
 from automcm.service.application import Advertised, AgreedManeuver, Choice, Heard
@@ -66,9 +66,7 @@ class DoesNotSlow(LaneChange):
 class WithoutCams(LaneChange):
     """Counts answers only."""
 
-    def _known(
-        self, heard: tuple[Heard, ...] | None, session: Session | None
-    ) -> list[Track] | None:
+    def _known(self, heard: tuple[Heard, ...] | None, session: Session | None) -> list[Seen] | None:
         answered = tuple(each for each in heard or () if each.station_id in self._others)
         return super()._known(answered, session)
 
@@ -78,7 +76,7 @@ class WithoutLengths(LaneChange):
 
     def _in_lane(
         self, lane: int | None, heard: tuple[Heard, ...] | None, session: Session | None
-    ) -> list[Track] | None:
+    ) -> list[Seen] | None:
         known = super()._in_lane(lane, heard, session)
         return known and [replace(each, length=LENGTH_M) for each in known]
 
@@ -86,12 +84,12 @@ class WithoutLengths(LaneChange):
 class WithoutSigma(LaneChange):
     """Takes every position for exact."""
 
-    def _own(self, lane: int | None) -> Track:
+    def _own(self, lane: int | None) -> Seen:
         return replace(super()._own(lane), sigma=None)
 
     def _in_lane(
         self, lane: int | None, heard: tuple[Heard, ...] | None, session: Session | None
-    ) -> list[Track] | None:
+    ) -> list[Seen] | None:
         exact = tuple(replace(each, sigma_mm=0) for each in heard or ())
         return super()._in_lane(lane, exact, session)
 

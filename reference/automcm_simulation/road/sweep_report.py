@@ -11,7 +11,7 @@ from dataclasses import asdict
 from multiprocessing import get_context
 from typing import Any
 
-from automcm_simulation.road.occupancy_sweep import KINDS, Driven, drive
+from automcm_simulation.road.occupancy_sweep import KINDS, SweptDrive, drive
 from automcm_spec.support import children
 
 FEW_DRIVES = 20
@@ -20,9 +20,9 @@ FEW_DRIVES = 20
 
 def driven(
     asked: Sequence[tuple[int, str, float | None]], workers: int, notify: Callable[[str], None]
-) -> list[Driven]:
+) -> list[SweptDrive]:
     """Each drive (seed, mechanism taken away, sigma), in this order.  0: one per core."""
-    found: list[Driven] = []
+    found: list[SweptDrive] = []
     with ExitStack() as stack:
         workers = min(workers or os.cpu_count() or 1, len(asked) // FEW_DRIVES + 1)
         if workers > 1:
@@ -37,14 +37,14 @@ def driven(
     return found
 
 
-def _drive(asked: tuple[int, str, float | None]) -> Driven:
+def _drive(asked: tuple[int, str, float | None]) -> SweptDrive:
     # Clocks out of step and messages too long are drawn on purpose: no warnings.
     logging.getLogger("automcm.service").setLevel(logging.ERROR)
     seed, without, sigma = asked
     return drive(seed, without, sigma=sigma)
 
 
-def counted(found: Sequence[Driven], sigmas: Sequence[float]) -> dict[str, Any]:
+def counted(found: Sequence[SweptDrive], sigmas: Sequence[float]) -> dict[str, Any]:
     """The outcomes by what B does and, if any are given, by position error, and each bad drive."""
     kinds = {
         kind: {

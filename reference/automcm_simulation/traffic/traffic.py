@@ -13,7 +13,7 @@ from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.encoding.codec import JSON, Codec
 from automcm.links.link import Link
-from automcm_simulation.radio.radio import Radio
+from automcm_simulation.radio.radio import RadioModel
 from automcm_simulation.radio.radio_link import RadioLinks
 from automcm_simulation.road.drive import Driver
 from automcm_simulation.road.hazard_measures import Watched
@@ -21,7 +21,7 @@ from automcm_simulation.traffic import distance_guard
 from automcm_simulation.traffic.mover import AUTOMATED, STEP_MS, Mover, RoadUser
 from automcm_simulation.traffic.shared_codec import SharedCodec
 from automcm_simulation.traffic.traffic_measures import Measures
-from automcm_simulation.traffic.traffic_scenario import Scenario, Setting
+from automcm_simulation.traffic.traffic_scenario import Scenario, TrafficSetting
 from automcm_simulation.traffic.traffic_service import TrafficService
 from automcm_simulation.traffic.traffic_vehicle import Sight, TrafficVehicle, place_all
 from automcm_spec.vocabulary.application import Abort, Fallback, NoParticipants, Request
@@ -31,7 +31,7 @@ from automcm_spec.vocabulary.messages import Session
 class Stations(Watched):
     """The services on a radio with positions, which records hazards (S-5, T-2)."""
 
-    def __init__(self, radio: Radio, seed: int, logs: Path | None) -> None:
+    def __init__(self, radio: RadioModel, seed: int, logs: Path | None) -> None:
         super().__init__(seed=seed, logs=logs, service=partial(TrafficService, recent={}))
         self.links = RadioLinks(self.clock, radio)
         self.requested = 0
@@ -76,10 +76,10 @@ class Traffic:
     def __init__(
         self,
         scenario: Scenario,
-        setting: Setting,
+        setting: TrafficSetting,
         mover: Mover,
         users: Sequence[RoadUser],
-        radio: Radio,
+        radio: RadioModel,
         *,
         logs: Path | None = None,
         codec: Codec = JSON,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class TrafficSetting:
     """What is set for one run."""
 
     seed: int = 0
@@ -59,7 +59,7 @@ class Scenario(Protocol):
     def network(self) -> str:
         """One of the folder ``networks``."""
 
-    def users(self, setting: Setting) -> list[RoadUser]:
+    def users(self, setting: TrafficSetting) -> list[RoadUser]:
         """Everybody who drives or walks, with unique numbers from 1 on."""
 
     def driver(self, user: RoadUser, vehicle: TrafficVehicle, sees: Perception) -> Driver:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automcm.applications.occupancy import Perception, Track
+from automcm.applications.occupancy import Perception, Seen
 from automcm.applications.vehicle import LANE_WIDTH, STEP_S, Vehicle
 from automcm_simulation.traffic.mover import Body, RoadUser
 
@@ -75,7 +75,7 @@ class Sight:
         """All road users as they are now."""
         self._bodies = bodies
 
-    def seen(self, number: int) -> list[Track]:
+    def seen(self, number: int) -> list[Seen]:
         """What this road user sees."""
         own = self._bodies.get(number)
         if own is None:
@@ -85,7 +85,7 @@ class Sight:
             if other != number and math.hypot(body.x - own.x, body.y - own.y) <= near:
                 user = self._users[other]
                 tracks.append(
-                    Track(
+                    Seen(
                         x=body.x,
                         y=body.y,
                         vx=body.speed * math.cos(body.heading),

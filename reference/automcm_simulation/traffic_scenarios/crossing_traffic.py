@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from automcm.applications.occupancy import Perception, Track
+from automcm.applications.occupancy import Perception, Seen
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.trajectory import Floats
 from automcm_simulation.traffic.mover import RoadUser
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_simulation.traffic_scenarios.stream import counted, stream
 from automcm_simulation.traffic_scenarios.yielding import Yielding
@@ -38,7 +38,7 @@ TOWN_M_S = (7.5, 8.3)
 """A zone of 30 km/h."""
 
 
-def persons(found: Sequence[Track]) -> list[Track]:
+def persons(found: Sequence[Seen]) -> list[Seen]:
     """Those who will cross, or do."""
     return [t for t in found if t.length <= PERSON_M and FROM_M < t.y < LEFT_M + PERSON_M]
 
@@ -51,7 +51,7 @@ class Crossing(Yielding):
         super().__init__(vehicle, SCENARIO, (CROSSES_M - STOP_M, other))
         self._sees, self._asks = sees, asks
 
-    def _persons(self, now_ms: int) -> list[Track]:
+    def _persons(self, now_ms: int) -> list[Seen]:
         return persons(self._sees(self.vehicle.zone(self.vehicle.lane), now_ms, now_ms))
 
     def _wanted(self, now_ms: int) -> tuple[int, int] | None:
@@ -72,7 +72,7 @@ class Crossing(Yielding):
 def hidden(sees: Perception, vehicle: Vehicle) -> Perception:
     """Without the pedestrians that are further away than HIDDEN_M."""
 
-    def seen(region: Floats, t0_ms: int, t1_ms: int) -> list[Track]:
+    def seen(region: Floats, t0_ms: int, t1_ms: int) -> list[Seen]:
         x, y = vehicle.x, vehicle.y
         return [
             t
@@ -90,7 +90,7 @@ class PedestrianCrossing:
     name: str = "crossing"
     network: str = "crossing"
 
-    def users(self, setting: Setting) -> list[RoadUser]:
+    def users(self, setting: TrafficSetting) -> list[RoadUser]:
         """As ``Scenario.users``."""
         numbers = list(range(1, setting.vehicles + 1))
         on = partial(stream, setting, route=("road",), desired=TOWN_M_S)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from automcm.applications import occupancy
-from automcm.applications.occupancy import Perception, Track
+from automcm.applications.occupancy import Perception, Seen
 from automcm.applications.ramp_merge import BRAKE
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.road_line import RoadLine
@@ -19,7 +19,7 @@ from automcm_simulation.traffic import lanelet_network
 from automcm_simulation.traffic.mover import RoadUser
 from automcm_simulation.traffic.sumo_mover import NETWORKS
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_simulation.traffic_scenarios.stream import counted, stream
 from automcm_simulation.traffic_scenarios.yielding import Yielding, position
@@ -67,7 +67,7 @@ class LeftTurn(Yielding):
         left, a = way + REACH_M + self.vehicle.length, self.vehicle.driving.acceleration
         return max(left / TURN_M_S, (math.sqrt(speed**2 + 2 * a * left) - speed) / a)
 
-    def _oncoming(self) -> list[Track]:
+    def _oncoming(self) -> list[Seen]:
         now = self.service.now()
         seen = self._sees(self._line.xy, now, now)
         heard = heard_by(self.service) or ()
@@ -138,7 +138,7 @@ class Intersection:
         """Where the ways cross, and that of the oncoming vehicles."""
         return PLACE, LINE
 
-    def users(self, setting: Setting) -> list[RoadUser]:
+    def users(self, setting: TrafficSetting) -> list[RoadUser]:
         """As ``Scenario.users``."""
         numbers = list(range(1, setting.vehicles + 1))
         on = partial(stream, setting, lane=0, gap_m=1000 / setting.density, desired=TOWN_M_S)

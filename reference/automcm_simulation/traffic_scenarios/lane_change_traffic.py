@@ -10,7 +10,7 @@ from automcm.applications.lane_change import LaneChange, Plan
 from automcm.applications.occupancy import Perception
 from automcm_simulation.traffic.mover import AUTOMATED, RoadUser
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_simulation.traffic_scenarios.stream import CAR_M, SPREAD, counted, equipped
 
@@ -38,7 +38,7 @@ class LaneChanges:
     network: str
     lanes: int
 
-    def users(self, setting: Setting) -> list[RoadUser]:
+    def users(self, setting: TrafficSetting) -> list[RoadUser]:
         """As ``Scenario.users``: in each lane at drawn distances, at a speed that these allow."""
         draw = setting.random("users")
         users: list[RoadUser] = []
@@ -58,7 +58,13 @@ class LaneChanges:
         return users
 
     def _user(
-        self, setting: Setting, draw: Random, number: int, lane: int, rear: float, least_m: float
+        self,
+        setting: TrafficSetting,
+        draw: Random,
+        number: int,
+        lane: int,
+        rear: float,
+        least_m: float,
     ) -> RoadUser:
         lorry = draw.random() < LORRIES
         length = draw.uniform(*(LORRY_M if lorry else CAR_M))

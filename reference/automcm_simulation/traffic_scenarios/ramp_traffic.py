@@ -14,7 +14,7 @@ from automcm.kernels.road_line import RoadLine
 from automcm_simulation.road.drive import Driver
 from automcm_simulation.traffic.mover import Body, RoadUser
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_vehicle import TrafficVehicle
 from automcm_simulation.traffic_scenarios.stream import counted, stream
 from automcm_simulation.traffic_scenarios.yielding import Yielding
@@ -70,7 +70,7 @@ class Ramps:
     """Whether a road-side unit is the prescriber."""
     network: str = "ramp"
 
-    def users(self, setting: Setting) -> list[RoadUser]:
+    def users(self, setting: TrafficSetting) -> list[RoadUser]:
         """As ``Scenario.users``."""
         numbers = list(range(1, setting.vehicles + 1))
         on = partial(stream, setting, route=ROUTE)

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 
 from automcm_simulation.traffic.mover import AUTOMATED, RoadUser
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 
 CAR_M = 4.2, 5.0
 SPREAD = 0.6, 1.4
 """Of the gaps at the start, as shares of their mean."""
 
 
-def equipped(setting: Setting, number: int) -> bool:
+def equipped(setting: TrafficSetting, number: int) -> bool:
     """Whether this vehicle is among the share with stations."""
     return setting.random(f"equipped/{number}").random() < setting.penetration
 
 
 def stream(
-    setting: Setting,
+    setting: TrafficSetting,
     numbers: Sequence[int],
     route: tuple[str, ...],
     lane: int,

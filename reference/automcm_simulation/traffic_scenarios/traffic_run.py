@@ -10,14 +10,14 @@ from typing import Any, Literal
 
 from automcm.encoding.codec import codec
 from automcm_simulation.radio.ns3_radio import Ns3Radio
-from automcm_simulation.radio.radio import Radio
+from automcm_simulation.radio.radio import RadioModel
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_simulation.traffic.even_radio import EvenRadio
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.seen_from_above import Frames
 from automcm_simulation.traffic.sumo_mover import SumoMover
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
 from automcm_spec.support.extras import MissingExtra
@@ -26,11 +26,11 @@ RadioName = Literal["even", "table", "ns3"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class TrafficRun:
     """One run: the name of its scenario, its setting, its radio and its codec."""
 
     scenario: str
-    setting: Setting = field(default_factory=Setting)
+    setting: TrafficSetting = field(default_factory=TrafficSetting)
     radio: RadioName = "even"
     loss: float = 0.0
     """Of the radio ``even``."""
@@ -89,7 +89,7 @@ class Run:
         return {"setting": settings, **traffic.record()}
 
     @contextmanager
-    def _radio(self) -> Iterator[Radio]:
+    def _radio(self) -> Iterator[RadioModel]:
         seed = self.setting.seed
         if self.radio == "even":
             yield EvenRadio(self.loss, seed)

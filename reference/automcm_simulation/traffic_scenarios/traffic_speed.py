@@ -10,11 +10,11 @@ from typing import Any
 from automcm_simulation.traffic.mover import STEP_MS
 from automcm_simulation.traffic.sumo_mover import SumoMover
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_simulation.traffic_scenarios.traffic_run import Run
+from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
 from automcm_spec.support import scratch
 
 
-def measured(run: Run, notify: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
+def measured(run: TrafficRun, notify: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
     """The figures of this run: of SUMO alone, and with measures, without and with stations.
 
     Raises TrafficError without SUMO or ns-3.
@@ -47,11 +47,11 @@ def _figures(took_s: float, seconds: float, alone_s: float) -> dict[str, float]:
     }
 
 
-def _with(run: Run, share: float) -> Run:
+def _with(run: TrafficRun, share: float) -> TrafficRun:
     return replace(run, setting=replace(run.setting, penetration=share))
 
 
-def _sumo_alone(run: Run) -> float:
+def _sumo_alone(run: TrafficRun) -> float:
     """The processor's seconds of SUMO's steps, with the same vehicles and nothing else."""
     scenario, setting = SCENARIOS[run.scenario], run.setting
     with scratch.folder("traffic") as folder:
@@ -65,7 +65,7 @@ def _sumo_alone(run: Run) -> float:
             mover.close()
 
 
-def _timed(run: Run) -> tuple[float, int]:
+def _timed(run: TrafficRun) -> tuple[float, int]:
     """The processor's seconds of a run from its first step on, and the receptions."""
     begun: list[float] = []
 

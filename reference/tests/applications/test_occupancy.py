@@ -19,7 +19,7 @@ from automcm.applications.lane_change import (
     PaperLaneChange,
     Plan,
 )
-from automcm.applications.occupancy import FORCED, LEAST_M, Track, clear, needed_gap
+from automcm.applications.occupancy import FORCED, LEAST_M, Seen, clear, needed_gap
 from automcm.applications.planning import planned
 from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, PositionError, Vehicle, idm
 from automcm.links.simulated_radio import Channel
@@ -36,7 +36,7 @@ from automcm_simulation.road.sweep_drivers import (
 )
 from automcm_spec.vocabulary.messages import Trajectory
 
-OWN = Track(x=0.0, y=-LANE_WIDTH, vx=10.0)
+OWN = Seen(x=0.0, y=-LANE_WIDTH, vx=10.0)
 LANE = STRAIGHT.parallel(LANE_WIDTH)
 
 
@@ -94,7 +94,7 @@ def test_app_1_without_cams_it_aborts() -> None:
 
 def test_app_1_what_is_seen_where_a_station_is_heard_is_that_station() -> None:
     heard = Heard(3, 900, 0, 3500, 0, 10_000)
-    near, far = Track(x=3.0, y=3.5, vx=9.0), Track(x=20.0, y=3.5, vx=9.0)
+    near, far = Seen(x=3.0, y=3.5, vx=9.0), Seen(x=20.0, y=3.5, vx=9.0)
     fused, other = occupancy.tracks([heard], [near, far], [3], (1, 1), 1000, LANE)
     assert (fused.station_id, fused.answered, fused.x, fused.vx) == (3, True, 3.0, 9.0)
     assert (other.x, other.y, other.seen, other.answered) == (20.0, 0.0, True, False)
@@ -104,7 +104,7 @@ def test_app_1_what_is_seen_where_a_station_is_heard_is_that_station() -> None:
 
 def test_app_1_of_two_that_are_seen_there_the_nearer_is_the_station() -> None:
     heard = Heard(3, 1000, 0, 3500, 0, 10_000)
-    seen = [Track(x=x, y=3.5, vx=10.0) for x in (-4.5, 2.0, -4.0)]
+    seen = [Seen(x=x, y=3.5, vx=10.0) for x in (-4.5, 2.0, -4.0)]
     found = occupancy.tracks([heard], seen, [3], (1, 1), 1000, LANE)
     assert [(t.x, t.station_id) for t in found] == [(2.0, 3), (-4.5, 0), (-4.0, 0)]
 
@@ -113,7 +113,7 @@ def test_app_1_tracks_are_along_the_lane_and_on_its_own_metres() -> None:
     line = bends(100.0, True, 300).parallel(LANE_WIDTH)
     x, y, heading = line.pose(60.0, -LANE_WIDTH)
     vx, vy = 10 * np.cos(heading), 10 * np.sin(heading)
-    (track,) = occupancy.on_line([Track(x=x, y=y, vx=vx, vy=vy)], line)
+    (track,) = occupancy.on_line([Seen(x=x, y=y, vx=vx, vy=vy)], line)
     assert (track.x, track.y) == pytest.approx((60.0, -LANE_WIDTH))
     assert (
         track.vx == pytest.approx(10 * (100 - LANE_WIDTH) / 100, rel=1e-3) and abs(track.vy) < 1e-9
@@ -138,7 +138,7 @@ def test_app_3_at_the_needed_gap_the_simulated_driver_brakes_as_hard_as_allowed(
 
 def test_app_3_clear_is_from_begin_to_end_with_the_margin() -> None:
     least = needed_gap(10, 10) + OWN.length
-    ahead = Track(x=least + 0.01, y=3.5, vx=10.0, answered=True)
+    ahead = Seen(x=least + 0.01, y=3.5, vx=10.0, answered=True)
     assert clear(OWN, ahead, 0, 4) and not clear(OWN, replace(ahead, x=least - 0.01), 0, 4)
     assert not clear(OWN, replace(ahead, answered=False), 0, 4)
     assert clear(OWN, replace(ahead, x=least + 5.01, answered=False), 0, 4)
@@ -150,13 +150,13 @@ def test_app_3_clear_is_from_begin_to_end_with_the_margin() -> None:
 
 
 def test_app_2_a_vehicle_is_in_a_lane_that_its_side_touches() -> None:
-    assert occupancy.in_lane(OWN, Track(x=0, y=0, vx=10))
-    assert occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH / 2 + 0.8, vx=10))
-    assert not occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10))
-    assert occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10, width=2.5))
-    assert occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10, sigma=0.1))
-    assert not occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH, vx=10))
-    assert occupancy.in_lane(OWN, Track(x=0, y=LANE_WIDTH, vx=10, vy=-1.0))
+    assert occupancy.in_lane(OWN, Seen(x=0, y=0, vx=10))
+    assert occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH / 2 + 0.8, vx=10))
+    assert not occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10))
+    assert occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10, width=2.5))
+    assert occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH / 2 + 1.0, vx=10, sigma=0.1))
+    assert not occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH, vx=10))
+    assert occupancy.in_lane(OWN, Seen(x=0, y=LANE_WIDTH, vx=10, vy=-1.0))
 
 
 # -- APP-2, APP-4, APP-5 on the road
@@ -304,13 +304,13 @@ def test_app_5_it_returns_before_the_point_of_no_return_and_completes_after_it(
 ) -> None:
     prescriber, target, drive_ = pair()
     vehicle, clock = prescriber.vehicle, drive_.simulation.clock
-    seen: list[Track] = []
+    seen: list[Seen] = []
     prescriber.occupied = lambda region, t0, t1: seen
     moved = []
 
     def appears() -> None:
         moved.append(vehicle.moved_m)
-        seen.append(Track(x=vehicle.x - 1, y=LANE_WIDTH, vx=vehicle.speed))
+        seen.append(Seen(x=vehicle.x - 1, y=LANE_WIDTH, vx=vehicle.speed))
 
     def begun() -> None:
         later = clock.now() + after_ms
@@ -390,13 +390,13 @@ def test_app_3_stated_errors_widen_the_margin() -> None:
     assert occupancy.margin(own, replace(other, answered=True), 0) == 3 * (1 + 0.25) ** 0.5
     assert occupancy.margin(own, replace(other, seen=True), 0) == 1.5
     assert occupancy.margin(OWN, replace(other, sigma=None), 0) == occupancy.ERROR_M
-    aside = Track(x=0, y=LANE_WIDTH, vx=10, sigma=0.0)
+    aside = Seen(x=0, y=LANE_WIDTH, vx=10, sigma=0.0)
     assert occupancy.in_lane(own, replace(aside, seen=True)), "the lane is in the map"
     assert not occupancy.in_lane(own, aside)
 
 
 def test_app_1_where_a_place_is_unknown_nothing_is_clear() -> None:
-    nowhere = Track(x=float("nan"), y=float("nan"), vx=10)
+    nowhere = Seen(x=float("nan"), y=float("nan"), vx=10)
     assert occupancy.in_lane(OWN, nowhere) and not clear(OWN, nowhere, 0, 4)
     off = LaneChange(Vehicle(1, 0, -40, 8, 8))
     given = answers_of(off)

@@ -10,7 +10,7 @@ import pytest
 from road_stage import answers_of, driven, said, stands
 
 from automcm.applications.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
-from automcm.applications.occupancy import HARDEST, LEAST_M, Track
+from automcm.applications.occupancy import HARDEST, LEAST_M, Seen
 from automcm.applications.ramp_merge import Merge, Ramp
 from automcm.applications.vehicle import LANE_WIDTH, Driving, Vehicle
 from automcm.links.simulated_radio import Channel
@@ -206,11 +206,11 @@ def test_app_1_without_cams_it_does_not_merge() -> None:
 def test_app_5_it_returns_to_the_ramp_and_stops_or_completes(after_ms: int, lane: int) -> None:
     on_ramp, target = ramp_car(), Merge(car(3, -2, 10), RAMP)
     drive_ = SimulatedDrive([on_ramp, target])
-    vehicle, clock, seen = on_ramp.vehicle, drive_.simulation.clock, list[Track]()
+    vehicle, clock, seen = on_ramp.vehicle, drive_.simulation.clock, list[Seen]()
     on_ramp.occupied = lambda region, t0, t1: seen
 
     def begun() -> None:
-        appears = lambda: seen.append(Track(x=vehicle.x - 1, y=LANE_WIDTH, vx=10))  # noqa: E731
+        appears = lambda: seen.append(Seen(x=vehicle.x - 1, y=LANE_WIDTH, vx=10))  # noqa: E731
         later = clock.now() + after_ms
         clock.at(*((later, appears) if vehicle.changing else (clock.now() + 100, begun)))
 

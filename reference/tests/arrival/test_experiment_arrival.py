@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from automcm.applications.lane_change import LaneChange
-from automcm.applications.vehicle import Late
+from automcm.applications.vehicle import LateBraking
 from automcm_evaluation.arrival import arrival, arrival_tables, sumo
 from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_simulation.road.drive import FourVehicles
 
 Json = Any
-USUAL: Json = arrival.Arrival().model_dump(mode="json")
+USUAL: Json = arrival.ArrivalSetting().model_dump(mode="json")
 PLACES: Json = {name: USUAL[name] for name in arrival.PLACES}
 MODEL: Json = {name: USUAL[name] for name in arrival.MODEL}
 
@@ -71,11 +71,11 @@ def test_the_driver_is_the_same_with_and_without(monkeypatch: pytest.MonkeyPatch
         arrival.drive(values("trials"), (6.0, 50.0), MODEL, coordinated=coordinated, seed=3)
     (_, with_), (_, without) = ([d.vehicle for d in drive.drivers] for drive in made)
     assert (with_.late, with_.driving) == (without.late, without.driving)
-    assert with_.late == Late(**{n: MODEL[n] for n in MODEL if n != "acceleration"})
+    assert with_.late == LateBraking(**{n: MODEL[n] for n in MODEL if n != "acceleration"})
 
 
 def test_with_the_calibrated_baseline_the_paper_s_gains_come_out() -> None:
-    settings = arrival.Arrival(draws=2, notices=(0.5,), sumo=False)
+    settings = arrival.ArrivalSetting(draws=2, notices=(0.5,), sumo=False)
     assert settings.restart_gap == FourVehicles().late.restart_gap
     cells = [cell for cell in arrival.cells(settings) if cell.get("name") == "notice"]
     assert len(cells) == 2
@@ -140,11 +140,11 @@ def test_without_sumo_the_extra_is_named_before_anything_else_is_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "libsumo", None)
-    cells = arrival.cells(arrival.Arrival(trials=2))
+    cells = arrival.cells(arrival.ArrivalSetting(trials=2))
     assert [cell["part"] for cell in cells].index("trials") == 6
     with pytest.raises(ExperimentError, match=r"automcm\[sumo\]"):
         arrival.run(cells[0], 1)
-    assert not any(c["part"] == "sumo" for c in arrival.cells(arrival.Arrival(sumo=False)))
+    assert not any(c["part"] == "sumo" for c in arrival.cells(arrival.ArrivalSetting(sumo=False)))
 
 
 def test_in_sumo_it_is_prescribed_when_it_is_with_us_and_the_lane_is_changed_then() -> None:

@@ -9,8 +9,8 @@ from automcm.encoding.codec import JSON, CodecError, codec
 from automcm_evaluation.bandwidth import bandwidth, bandwidth_air
 from automcm_evaluation.bandwidth.bandwidth_air import (
     BIN_MS,
-    Air,
     Recorded,
+    RecordingCodec,
     Sent,
     certificates,
     column,
@@ -117,7 +117,7 @@ def test_other_trajectories_take_the_place_of_its_own() -> None:
 
 
 def test_a_codec_that_notes_changes_nothing() -> None:
-    air = Air(now=lambda: 12)
+    air = RecordingCodec(now=lambda: 12)
     sent = Cancel(src=1, dst=2, session=(1, 1), seq=1, reason="not_selected")
     assert air.decode(air.encode(sent)) == sent
     (noted,) = air.sent

@@ -51,7 +51,7 @@ def timed(*points: tuple[float, float, float], at: tuple[int, ...]) -> autoware.
         for point, s in zip(path(*points).points, at, strict=True)
     ]
     return autoware.AutowareTrajectory(
-        header=autoware.Header(stamp=autoware.Time(sec=7)), points=of
+        header=autoware.RosHeader(stamp=autoware.Time(sec=7)), points=of
     )
 
 

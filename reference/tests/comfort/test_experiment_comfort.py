@@ -19,8 +19,8 @@ from automcm_evaluation.comfort.comfort_courses import (
     B,
     C,
     Changer,
-    Run,
-    Setting,
+    ComfortRun,
+    ComfortSetting,
     disturbed,
     nobody,
     stage,
@@ -29,7 +29,7 @@ from automcm_evaluation.comfort.comfort_courses import (
 )
 from automcm_evaluation.comfort.comfort_measures import (
     FAR_S,
-    Track,
+    DrivenTrack,
     braking,
     distance,
     first_slower,
@@ -43,15 +43,15 @@ from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any
-SETTING = Setting(four=FourVehicles(until_s=30.0))
+SETTING = ComfortSetting(four=FourVehicles(until_s=30.0))
 
 
-def track(speeds: list[float], x: float = 0.0, y: float = 0.0) -> Track:
+def track(speeds: list[float], x: float = 0.0, y: float = 0.0) -> DrivenTrack:
     """A vehicle with these speeds, one each 0.1 s."""
     v = np.array(speeds)
     t = np.arange(len(v)) * 0.1
     acceleration = np.diff(v, prepend=v[0]) / 0.1
-    return Track(t, x + np.cumsum(v) * 0.1, np.full(len(v), y), v, acceleration)
+    return DrivenTrack(t, x + np.cumsum(v) * 0.1, np.full(len(v), y), v, acceleration)
 
 
 # -- measures
@@ -97,7 +97,7 @@ def test_services_fall_silent_only_when_nothing_driven_depends_on_them(
     at_s = 5.0
     short = disturbed(COURSES["prescriber_aborts"], SETTING, at_s, with_rules=True)
     sent = len(short.drive.sent)
-    monkeypatch.setattr(Run, "_silence", lambda self: None)
+    monkeypatch.setattr(ComfortRun, "_silence", lambda self: None)
     whole = disturbed(COURSES["prescriber_aborts"], SETTING, at_s, with_rules=True)
     assert whole.drive.road.samples == short.drive.road.samples
     assert len(whole.drive.sent) >= sent
@@ -113,7 +113,7 @@ def test_no_coordination_costs_b_more_than_the_maneuver() -> None:
     assert alone[PRESCRIBER].y[-1] == 0
 
 
-def tracked(run: Run) -> dict[int, Track]:
+def tracked(run: ComfortRun) -> dict[int, DrivenTrack]:
     return tracks(run.drive.road.samples)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from automcm_evaluation.radio import radio_crowd, radio_sessions
 from automcm_evaluation.radio.radio_tables import MODELS, arrivals, bursts, largest
-from automcm_evaluation.radio.radio_traffic import Measured, Row, ns3_measured, pooled
+from automcm_evaluation.radio.radio_traffic import DistanceRow, Measured, ns3_measured, pooled
 
 Json = Any
 
@@ -28,7 +28,7 @@ def test_runs_of_one_traffic_are_added() -> None:
     one = ns3_measured()[0]
     both = pooled([one, one])
     assert both.busy == one.busy and both.rows[0].frames == 2 * one.rows[0].frames
-    assert isinstance(both, Measured) and isinstance(both.rows[0], Row)
+    assert isinstance(both, Measured) and isinstance(both.rows[0], DistanceRow)
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 
 from automcm_evaluation.radio import radio_tables
 from automcm_evaluation.radio.radio_traffic import (
+    FourLanes,
     Measured,
-    Traffic,
     drive,
     measured,
     ns3_measured,
@@ -181,7 +181,7 @@ def fits(ns3: Measured, table: Measured) -> dict[str, float | None]:
     }
 
 
-def over_table(traffic: Traffic, seeds: int = 1) -> Measured:
+def over_table(traffic: FourLanes, seeds: int = 1) -> Measured:
     parts = [measured(traffic, drive(TableRadio(traffic.seed + n), traffic)) for n in range(seeds)]
     return pooled(parts)
 
@@ -219,7 +219,7 @@ def test_arrivals_fall_with_load_and_distance_in_the_table() -> None:
 
 
 def test_vehicles_stay_on_the_road_and_keep_their_lane() -> None:
-    traffic = Traffic(name="", per_km=20, seconds=1)
+    traffic = FourLanes(name="", per_km=20, seconds=1)
     for _, places in zip(range(200), positions(traffic), strict=False):
         assert all(0 <= x < traffic.road_m for x, _ in places.values())
     assert len(places) == traffic.vehicles == 24

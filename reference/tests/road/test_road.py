@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automcm.applications.vehicle import LANE_WIDTH, STEP_S, Driving, Late, Vehicle, idm
+from automcm.applications.vehicle import LANE_WIDTH, STEP_S, Driving, LateBraking, Vehicle, idm
 from automcm.kernels.trajectory import Trajectory
 from automcm_simulation.road.occupancy_sweep import bends
 from automcm_simulation.road.road import Road
@@ -159,7 +159,7 @@ def test_a_planned_path_leads_to_the_lane_it_moves_to() -> None:
 def test_without_coordination_it_is_noticed_late_with_a_hard_stop_and_a_restart() -> None:
     """Section VI-B, and that each part of the model matters."""
 
-    def arrival(late: Late | None) -> tuple[float, float, float]:
+    def arrival(late: LateBraking | None) -> tuple[float, float, float]:
         front = Vehicle(1, 3, 0, 8.33, 8.33)
         behind = Vehicle(2, 0, 1, 8.33, 8.33, late=late)
         road = Road([front, behind])
@@ -169,11 +169,13 @@ def test_without_coordination_it_is_noticed_late_with_a_hard_stop_and_a_restart(
         first = next(s.t for s in samples if s.acceleration <= -2.9)
         return first, min(s.speed for s in samples), behind.x
 
-    first, slowest, x = arrival(Late())
+    first, slowest, x = arrival(LateBraking())
     assert first == pytest.approx(D.lane_change_s * 0.5 / LANE_WIDTH, abs=0.2) and slowest == 0
-    assert arrival(Late(notice=2.0))[0] > first
-    assert arrival(Late(restart_s=5.0))[2] < x and arrival(Late(restart_gap=60))[2] < x
-    assert arrival(Late(brake=6.0))[1] == 0
+    assert arrival(LateBraking(notice=2.0))[0] > first
+    assert (
+        arrival(LateBraking(restart_s=5.0))[2] < x and arrival(LateBraking(restart_gap=60))[2] < x
+    )
+    assert arrival(LateBraking(brake=6.0))[1] == 0
 
 
 def test_a_station_is_on_the_road_once() -> None:

@@ -17,7 +17,7 @@ from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
-from automcm_evaluation.safety.faults import CUTS, KINDS, Fault, drawn, inject
+from automcm_evaluation.safety.faults import CUTS, KINDS, Injected, drawn, inject
 from automcm_evaluation.sweeps.sweep import canonical, run_cell
 from automcm_simulation.road.hazard_measures import Watched, bound_ms
 from automcm_simulation.road.straight_lane import Straight
@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def simulate(
-    faults: list[Fault],
+    faults: list[Injected],
     ablation: Ablation = WHOLE,
     *,
     loss: float = 0.0,
@@ -44,16 +44,16 @@ def simulate(
     seed: int = 1,
     logs: Path | None = None,
     prepare: Any = lambda watched: None,
-) -> safety.Outcome:
+) -> safety.RunOutcome:
     """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
-    plan = safety.Plan(loss, faults, maneuver_ms, refuses, again_ms)
+    plan = safety.SafetyPlan(loss, faults, maneuver_ms, refuses, again_ms)
     channel = Channel(loss=loss, duplicate=0.1)
     watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
     prepare(watched)
     return safety.simulated(watched, plan, ablation.parameters)
 
 
-def lengths(found: safety.Outcome) -> list[tuple[str, int]]:
+def lengths(found: safety.RunOutcome) -> list[tuple[str, int]]:
     return [(hazard.excuse, hazard.length_ms) for hazard in found.hazards]
 
 
@@ -85,7 +85,7 @@ def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
     for seed in range(3):
         logs = tmp_path / str(seed)
         logs.mkdir()
-        fault = Fault(kind, 4000 + 37 * seed, 8000)
+        fault = Injected(kind, 4000 + 37 * seed, 8000)
         found = simulate([fault], loss=loss, seed=seed, logs=logs)
         judged = judge([read(path) for path in sorted(logs.iterdir())])
         theirs = [h for h in judged.hazards if h.length is None or h.length.best > 0]
@@ -105,9 +105,9 @@ def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
 
 # -- that it can fail
 
-RESTART, CUT = Fault("target restarts", 4000, 0), Fault("cut forth", 4000, 9000)
-SECOND = Fault("second prescriber", 4000, 4000)
-CRASH = Fault("target crashes", 4000, 9000)
+RESTART, CUT = Injected("target restarts", 4000, 0), Injected("cut forth", 4000, 9000)
+SECOND = Injected("second prescriber", 4000, 4000)
+CRASH = Injected("target crashes", 4000, 9000)
 
 
 @pytest.mark.parametrize(
@@ -123,13 +123,18 @@ CRASH = Fault("target crashes", 4000, 9000)
         ([CUT], "no CAM-loss fallback", 9000, None, 0, 0),
         ([SECOND], WHOLE.name, 9000, None, 0, 0),
         ([SECOND], "no busy refusal", 9000, "", 1001, 60_000),  # it acts on, in the other session
-        ([Fault("target crashes", 4000, 5000)], WHOLE.name, 9000, "crash", 1401, B),
-        ([Fault("prescriber crashes", 4000, 5000)], WHOLE.name, 9000, None, 0, 0),
-        ([CRASH, Fault("prescriber crashes", 4500, 9000)], WHOLE.name, 9000, "crash", 500, 500),
+        ([Injected("target crashes", 4000, 5000)], WHOLE.name, 9000, "crash", 1401, B),
+        ([Injected("prescriber crashes", 4000, 5000)], WHOLE.name, 9000, None, 0, 0),
+        ([CRASH, Injected("prescriber crashes", 4500, 9000)], WHOLE.name, 9000, "crash", 500, 500),
     ],
 )
 def test_s_5_act_2_act_5_neg_4_a_mechanism_ends_or_prevents_a_hazard(
-    faults: list[Fault], protocol: str, maneuver_ms: int, excuse: str | None, least: int, most: int
+    faults: list[Injected],
+    protocol: str,
+    maneuver_ms: int,
+    excuse: str | None,
+    least: int,
+    most: int,
 ) -> None:
     found = lengths(simulate(faults, BY_NAME[protocol], maneuver_ms=maneuver_ms))
     assert [name for name, _ in found] == ([] if excuse is None else [excuse])
@@ -246,14 +251,14 @@ def test_faults_begin_in_their_window_and_end_later() -> None:
 def test_every_fault_changes_what_happens(kind: str) -> None:
     quiet = simulate([])
     assert (quiet.agreed, quiet.completed, quiet.in_vain, quiet.stuck) == (1, 1, 0, False)
-    hit = simulate([Fault(kind, 4000, 8000)])
+    hit = simulate([Injected(kind, 4000, 8000)])
     assert hit != quiet or kind == "second prescriber"
-    assert simulate([Fault("second prescriber", 15_000, 15_000)]).agreed == 2
+    assert simulate([Injected("second prescriber", 15_000, 15_000)]).agreed == 2
 
 
 def test_a_cut_that_is_over_early_is_survived() -> None:
     for kind in CUTS:
-        short, long = (simulate([Fault(kind, 4000, until)]) for until in (4900, 7000))
+        short, long = (simulate([Injected(kind, 4000, until)]) for until in (4900, 7000))
         assert (short.completed, short.in_vain, short.hazards) == (1, 0, [])
         assert long.completed == 0
 
@@ -269,10 +274,10 @@ def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None
     for who, station_id in (("prescriber", 1001), ("target", 2002)):
         for what in ("abort", "restart"):
             told.clear()
-            simulate([Fault(f"{who} {what}s", 4000, 5000)])
+            simulate([Injected(f"{who} {what}s", 4000, 5000)])
             assert (station_id, what) in told
         told.clear()
-        simulate([Fault(f"{who} crashes", 4000, 5000)])
+        simulate([Injected(f"{who} crashes", 4000, 5000)])
         assert (station_id, "crash") in told
 
 

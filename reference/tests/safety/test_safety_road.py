@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from automcm.applications.vehicle import Late, Vehicle
+from automcm.applications.vehicle import LateBraking, Vehicle
 from automcm_evaluation.safety import safety, safety_road
 from automcm_evaluation.safety.ablations import WHOLE
-from automcm_evaluation.safety.faults import Fault
+from automcm_evaluation.safety.faults import Injected
 from automcm_simulation.road.road import Sample
 
 # -- the road
@@ -45,33 +45,35 @@ def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
     assert alone["unasked"] == 2 and coordinated["unasked"] == 0
 
 
-def on_the_road(monkeypatch: pytest.MonkeyPatch, fault: Fault, name: str) -> safety_road.Driven:
+def on_the_road(
+    monkeypatch: pytest.MonkeyPatch, fault: Injected, name: str
+) -> safety_road.SafetyDrive:
     monkeypatch.setattr(safety_road, "drawn", lambda *more: [fault])
     values = {"part": "road", "ablation": name, "speed_kmh": 50, "begins": "maneuver"}
     return safety_road.drive(values | {"delay_ms": 40}, 1)
 
 
 def test_who_is_told_in_time_does_not_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    early = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), WHOLE.name)
+    early = on_the_road(monkeypatch, Injected("target restarts", 4000, 0), WHOLE.name)
     assert early.room_m is None and not early.begun and len(early.hazards) == 1
-    late = on_the_road(monkeypatch, Fault("target restarts", 8000, 0), WHOLE.name)
+    late = on_the_road(monkeypatch, Injected("target restarts", 8000, 0), WHOLE.name)
     assert late.begun and late.room_m is not None and not late.unasked
-    over = on_the_road(monkeypatch, Fault("target restarts", 12_500, 0), WHOLE.name)
+    over = on_the_road(monkeypatch, Injected("target restarts", 12_500, 0), WHOLE.name)
     assert over.begun and over.room_m is not None
-    plain = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), "plain CAMs count")
+    plain = on_the_road(monkeypatch, Injected("target restarts", 4000, 0), "plain CAMs count")
     assert plain.begun and plain.room_m is not None and plain.room_m < 8
     assert plain.braking > 4 > over.braking
-    crash = Fault("target crashes", 4000, 20_000)
+    crash = Injected("target crashes", 4000, 20_000)
     alone = on_the_road(monkeypatch, crash, "no CAM-loss fallback")
     assert alone.room_m is not None and alone.room_m < 8, "who has crashed drives on alone"
-    never = on_the_road(monkeypatch, Fault("cut back", 20_000, 21_000), WHOLE.name)
+    never = on_the_road(monkeypatch, Injected("cut back", 20_000, 21_000), WHOLE.name)
     assert not never.begun and never.room_m is not None and never.hazards == []
 
 
 def test_only_who_is_not_committed_notices_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(safety_road, "Late", lambda: Late(range_m=30.0))
-    nothing = Fault("cut back", 20_000, 21_000)
-    assert on_the_road(monkeypatch, nothing, WHOLE.name).braking < Late().brake
+    monkeypatch.setattr(safety_road, "LateBraking", lambda: LateBraking(range_m=30.0))
+    nothing = Injected("cut back", 20_000, 21_000)
+    assert on_the_road(monkeypatch, nothing, WHOLE.name).braking < LateBraking().brake
     assert on_the_road(monkeypatch, nothing, safety_road.UNCOORDINATED).braking > 4
 
 
@@ -86,7 +88,7 @@ def test_a_fault_may_begin_with_the_first_advertisement(monkeypatch: pytest.Monk
         safety_road.drive(values | {"begins": begins}, 1)
     (first, agreed), (same, _) = times
     assert first == 1000 and agreed == same
-    cut = Fault("cut back", first, 4000)
+    cut = Injected("cut back", first, 4000)
     counts, looks = (
         on_the_road(monkeypatch, cut, name) for name in (WHOLE.name, safety_road.LOOKS)
     )

@@ -32,7 +32,7 @@ from security_stage import (
 
 from automcm.security import certificates, cose, envelope, verifier
 from automcm.security.certificates import Credentials
-from automcm.security.verifier import Accepted, Rejected
+from automcm.security.verifier import Rejected, Verified
 from automcm_spec.vocabulary.messages import MAX_BYTES, encode
 from automcm_spec.vocabulary.parameters import ParameterError, Parameters
 
@@ -45,7 +45,7 @@ def test_a_message_with_its_certificate_is_accepted_then_with_its_digest() -> No
     by = new_verifier()
     for now, whole in ((NOW, True), (NOW + 100, False)):
         (found,) = by.receive(seal(NINE, fin(), now, whole=whole), now, "9:1")
-        assert isinstance(found, Accepted)
+        assert isinstance(found, Verified)
         assert (found.message, found.src, found.wanted) == (encode(fin()), 9, None)
         assert found.datagram.tx == "9:1"
 
@@ -230,7 +230,7 @@ def test_an_unknown_signer_waits_for_its_certificate() -> None:
     assert verdicts(by, first) == verdicts(by, second) == []
     assert by.wanted == NINE.certificate.digest
     found = by.receive(seal(NINE, cam(9, NOW + 50), NOW + 50), NOW + 50)
-    messages = [each.message for each in found if isinstance(each, Accepted)]
+    messages = [each.message for each in found if isinstance(each, Verified)]
     assert messages == [encode(each) for each in (fin(), cam(9, NOW), cam(9, NOW + 50))]
     assert by.wanted is None
 

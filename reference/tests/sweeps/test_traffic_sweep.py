@@ -15,14 +15,14 @@ from automcm_evaluation.sweeps import traffic_sweep
 from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic import Traffic
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
-from automcm_simulation.traffic_scenarios.traffic_run import Run, wrong
+from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
 
 Change = Callable[[dict[str, Any]], None]
 
 
-class Staged(Run):
+class Staged(TrafficRun):
     """Moved by the small road; the record is changed by ``change``."""
 
     change: Change = staticmethod(lambda record: None)
@@ -43,8 +43,8 @@ class Staged(Run):
 
 @pytest.fixture(autouse=True)
 def staged(monkeypatch: pytest.MonkeyPatch) -> None:
-    def drawn(scenario: str, seed: int) -> Run:
-        return Staged(scenario=scenario, setting=Setting(seed=seed))
+    def drawn(scenario: str, seed: int) -> TrafficRun:
+        return Staged(scenario=scenario, setting=TrafficSetting(seed=seed))
 
     monkeypatch.setattr(traffic_sweep, "drawn", drawn)
 

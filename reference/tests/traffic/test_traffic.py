@@ -26,13 +26,13 @@ from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
 from automcm_simulation.traffic.seen_from_above import Frames
 from automcm_simulation.traffic.shared_codec import SharedCodec
 from automcm_simulation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_service import TrafficService
 from automcm_simulation.traffic.traffic_vehicle import Sight
 from automcm_simulation.traffic_scenarios import traffic_run
 from automcm_simulation.traffic_scenarios.intersection_traffic import Intersection
 from automcm_simulation.traffic_scenarios.ramp_traffic import Ramps
-from automcm_simulation.traffic_scenarios.traffic_run import Run
+from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
 from automcm_spec.support import extras
 from automcm_spec.vocabulary.messages import Cam, MessageError
 
@@ -115,7 +115,7 @@ def test_who_has_left_signals_no_more() -> None:
 def test_who_has_passed_and_left_the_road_has_merged_or_turned(scenario: Any) -> None:
     mover = SimpleNamespace(bodies=dict, line=lambda route: STRAIGHT)
     for vehicles in (1, 8):  # of one, nobody turns or comes from the ramp
-        users = scenario.users(Setting(vehicles=vehicles))
+        users = scenario.users(TrafficSetting(vehicles=vehicles))
         of = SimpleNamespace(users={u.number: u for u in users}, mover=mover, drivers={})
         words = list(scenario.outcome(of).values())
         assert words[0] == words[1] == 2 * (vehicles > 1)
@@ -319,17 +319,17 @@ def test_bad_settings_are_named() -> None:
         ({"duration_s": 0}, "duration_s"),
     ):
         with pytest.raises(ValueError, match=f"^{name} must be"):
-            Setting(**wrong)  # type: ignore[arg-type]
+            TrafficSetting(**wrong)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scenario must be one of"):
-        Run(scenario="fly")
+        TrafficRun(scenario="fly")
     with pytest.raises(ValueError, match="loss must be"):
-        Run(scenario="lane-change", loss=2)
+        TrafficRun(scenario="lane-change", loss=2)
     with pytest.raises(ValueError, match="loss is a setting of the radio 'even'"):
-        Run(scenario="lane-change", radio="table", loss=0.1)
+        TrafficRun(scenario="lane-change", radio="table", loss=0.1)
 
 
 def test_vehicles_start_apart_and_no_draw_shifts_another() -> None:
-    setting = Setting(seed=4, vehicles=60, density=60)
+    setting = TrafficSetting(seed=4, vehicles=60, density=60)
     users = TWO.users(setting)
     assert sorted(user.number for user in users) == list(range(1, 61))
     for lane in (0, 1):
@@ -365,13 +365,13 @@ def test_a_shared_codec_decodes_once_and_refuses_each_time() -> None:
 def test_without_sumo_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sumo", None)
     with pytest.raises(TrafficError, match=r"pip install 'automcm\[sumo\]'"):
-        Run(scenario="lane-change").drive()
+        TrafficRun(scenario="lane-change").drive()
 
 
 def test_without_ns3_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
     with pytest.raises(TrafficError, match=r"pip install 'automcm\[radio\]'"):
-        Run(scenario="lane-change", radio="ns3").drive()
+        TrafficRun(scenario="lane-change", radio="ns3").drive()
 
 
 def test_a_run_ends_ns3_also_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -389,7 +389,7 @@ def test_a_run_ends_ns3_also_after_an_error(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(traffic_run, "Ns3Radio", Ns3)
     monkeypatch.setitem(sys.modules, "sumo", None)
     with pytest.raises(TrafficError, match="SUMO is missing"):
-        Run(scenario="lane-change", radio="ns3", setting=Setting(seed=6)).drive()
+        TrafficRun(scenario="lane-change", radio="ns3", setting=TrafficSetting(seed=6)).drive()
     assert (seeds, closed) == ([6], [True])
 
 

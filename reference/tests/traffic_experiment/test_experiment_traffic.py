@@ -76,7 +76,7 @@ def test_lane_changes_are_counted_once_each() -> None:
     at = Body(0.0, 0.0, 0.0, 1.0, 0.0)
     mover = SimpleNamespace(line=lambda route: line)
     traffic: Any = SimpleNamespace(mover=mover, users={1: user})
-    count = traffic_cell.LaneChanges()
+    count = traffic_cell.LaneChangeCounter()
     for aside in (0.0, 1.8, 1.7, 3.4, 3.6, 5.3, 5.2, 3.5, 0.2):
         mover.bodies = lambda y=-12.25 + aside: {1: at._replace(y=y)}
         count.look(traffic)

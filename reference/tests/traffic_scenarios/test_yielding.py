@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from road_stage import answers_of, driven, rows
 
-from automcm.applications.occupancy import Track
+from automcm.applications.occupancy import Seen
 from automcm.applications.vehicle import STRAIGHT, Vehicle
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import Advertised, Proposal
 from automcm_simulation.road.drive import SimulatedDrive
-from automcm_simulation.traffic.traffic_scenario import Setting
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.intersection_traffic import (
     APART_S,
@@ -21,7 +21,7 @@ from automcm_simulation.traffic_scenarios.intersection_traffic import (
     REACH_M,
     LeftTurn,
 )
-from automcm_simulation.traffic_scenarios.traffic_run import Run
+from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
 from automcm_simulation.traffic_scenarios.yielding import (
     PATIENCE_MS,
     Yielding,
@@ -136,7 +136,7 @@ def test_a_left_turn_waits_for_whoever_comes_and_not_for_who_has_passed() -> Non
         other = Vehicle(2, s, 0, 12.0, 12.0, line=LINE)
         v = Vehicle(1, PLACE[0] - 30, 0, 5.0, 12.0)
         v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
-        seen = [Track(x=other.x, y=other.y, vx=-12.0, sigma=0.0)]
+        seen = [Seen(x=other.x, y=other.y, vx=-12.0, sigma=0.0)]
         driver = LeftTurn(v, True, lambda region, t0, t1, seen=seen: seen)  # type: ignore[misc]
         answers_of(driver)
         found.append(driver._free(8.0))
@@ -148,7 +148,7 @@ def test_a_left_turn_that_crept_over_its_line_still_waits(speed: float, goes: bo
     """The sweep's run 268: it crept 1 m too far, and went although another car was near."""
     v = Vehicle(1, PLACE[0] - (REACH_M - 1.1) - 2.25, 0, speed, 12.0)
     v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
-    near = [Track(x=PLACE[0] + 10, y=PLACE[1], vx=-12.0, sigma=0.0)]
+    near = [Seen(x=PLACE[0] + 10, y=PLACE[1], vx=-12.0, sigma=0.0)]
     driver = LeftTurn(v, True, lambda region, t0, t1: near)
     answers_of(driver)
     driver._goes = goes
@@ -164,7 +164,7 @@ def test_a_target_is_in_the_conflict_before_it_arrives_at_the_place(
     v = Vehicle(1, PLACE[0] - 10.5, 0, 0.0, 12.0)
     v.line = type(STRAIGHT)([(0.0, PLACE[1]), (1.0, PLACE[1])])
     seen = [
-        Track(x=PLACE[0] + x + 2.25, y=PLACE[1], vx=-2.0, sigma=0.0, length=4.5, station_id=2)
+        Seen(x=PLACE[0] + x + 2.25, y=PLACE[1], vx=-2.0, sigma=0.0, length=4.5, station_id=2)
         for x in (0.0, 10.0)
     ]
     driver = LeftTurn(v, True, lambda region, t0, t1: seen[-1:])
@@ -182,19 +182,21 @@ def test_a_target_is_in_the_conflict_before_it_arrives_at_the_place(
 @pytest.mark.parametrize(
     ("name", "setting"),
     [
-        ("lane-change", Setting(vehicles=300, density=20)),
-        ("merge", Setting(vehicles=500)),
-        ("crossing", Setting(vehicles=300)),
+        ("lane-change", TrafficSetting(vehicles=300, density=20)),
+        ("merge", TrafficSetting(vehicles=500)),
+        ("crossing", TrafficSetting(vehicles=300)),
     ],
 )
-def test_more_vehicles_than_the_road_has_room_for_are_refused(name: str, setting: Setting) -> None:
+def test_more_vehicles_than_the_road_has_room_for_are_refused(
+    name: str, setting: TrafficSetting
+) -> None:
     with pytest.raises(ValueError, match=r"^vehicles: .* (the road has 12 km|have no room for)"):
-        Run(scenario=name, setting=setting)
+        TrafficRun(scenario=name, setting=setting)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_same_setting_gives_the_same_users_apart_from_each_other(name: str) -> None:
-    setting = Setting(seed=4, vehicles=20, density=80)
+    setting = TrafficSetting(seed=4, vehicles=20, density=80)
     users = SCENARIOS[name].users(setting)
     assert users == SCENARIOS[name].users(setting)
     assert len({user.number for user in users}) == len(users) and min(u.at_m for u in users) >= 0

@@ -9,7 +9,7 @@ import pytest
 from merged_runs import records, rewritten
 from page_rows import CORPUS, DELIVERED, REJECTED, Json, events, fives
 
-from automcm.security.verifier import Reason
+from automcm.security.verifier import Rejection
 from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import Verdict, explain_file, explain_files, text
 from automcm_traces.explain.log_columns import folds
@@ -53,7 +53,7 @@ def judged(folder: Path, *rejected: tuple[str | None, str], heard: int = 0) -> V
 
 
 def test_every_reason_of_the_reference_has_a_cause() -> None:
-    assert set(CAUSES) == {reason.value for reason in Reason}
+    assert set(CAUSES) == {reason.value for reason in Rejection}
     assert {r for r in CAUSES if cause_of(r) not in ("replayed", "other")} == set(QUESTIONS)
     assert cause_of("of a vendor") == "other"
 

@@ -36,13 +36,13 @@ def traffic(
     is that of the processor.  Needs automcm[sumo].
     """
     from automcm_simulation.traffic.mover import TrafficError
-    from automcm_simulation.traffic.traffic_scenario import Setting
-    from automcm_simulation.traffic_scenarios.traffic_run import Run
+    from automcm_simulation.traffic.traffic_scenario import TrafficSetting
+    from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
     from automcm_simulation.traffic_scenarios.traffic_speed import measured
 
     with usage(ValueError):
-        setting = Setting(vehicles=vehicles, density=density, duration_s=seconds)
-        run = Run(scenario=scenario, setting=setting, radio=radio)
+        setting = TrafficSetting(vehicles=vehicles, density=density, duration_s=seconds)
+        run = TrafficRun(scenario=scenario, setting=setting, radio=radio)
     with code_3("bench traffic", TrafficError), progress() as notify:
         report = measured(run, notify)
     if write_json(json_, report):

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from automcm_evaluation.radio.radio_traffic import STEP_MS, Traffic, positions
+from automcm_evaluation.radio.radio_traffic import STEP_MS, FourLanes, positions
 from automcm_simulation.radio.radio import Arrival
 from automcm_simulation.radio.table_radio import TableRadio
 
@@ -55,7 +55,7 @@ def run(seconds: float, notify: Callable[[str], None]) -> Report:
 class _Table:
     def __init__(self, vehicles: int) -> None:
         self._radio = TableRadio(1)
-        self._places = positions(Traffic(name="", per_km=vehicles / ROAD_KM, seconds=0))
+        self._places = positions(FourLanes(name="", per_km=vehicles / ROAD_KM, seconds=0))
         self._vehicles = vehicles
 
     def step(self, now_ms: int) -> int:

@@ -22,7 +22,7 @@ from automcm.encoding.codec import FRAME_BYTES, JSON, codec
 from automcm.security import certificates, cose, envelope
 from automcm.security.certificates import Credentials
 from automcm.security.signer import Signer
-from automcm.security.verifier import Accepted, Verifier
+from automcm.security.verifier import Verified, Verifier
 from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -134,7 +134,7 @@ def _verifier(own: Credentials, authority: cose.PublicKey) -> Verifier:
     """A verifier without a limit that knows the certificate."""
     verifier = Verifier([authority], JSON, Parameters(), per_second=10**9)
     first = envelope.seal(own, "json", _cam(-1), NOW, whole=True)
-    assert isinstance(verifier.receive(first, NOW)[0], Accepted)
+    assert isinstance(verifier.receive(first, NOW)[0], Verified)
     return verifier
 
 
