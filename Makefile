@@ -37,7 +37,7 @@ test-slow: ready
 test-whole: ready
 	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
 
-# All tests: about two hours.
+# All tests. CONTRIBUTING.md says how long each target takes.
 test-all: test test-whole test-deep test-faults test-traces test-explore test-foreign
 
 # The tests marked deep, then a million random steps. ARGS: --steps, --seed, --processes.
@@ -58,8 +58,8 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/pytest -q -n 0 conformance/tests/adapter/test_new_adapter.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
-# Fails each system call of a station in each phase (docs/faults.md; six minutes), then runs 20
-# stations with random faults for 30 minutes.
+# Fails each system call of a station in each phase (docs/faults.md), then runs 20 stations with
+# random faults for 30 minutes.
 test-faults: ready
 	@$(BIN)/python conformance/tests/faults.py --write docs/faults.md
 	@$(BIN)/python conformance/tests/soak.py $(ARGS)
@@ -79,7 +79,7 @@ generate: ready
 pages: ready
 	@$(BIN)/automcm spec pages $(ARGS)
 
-# Repeats the paper's evaluation and writes it to docs: over an hour on two cores, with SUMO.
+# Repeats the paper's evaluation and writes it to docs, with SUMO.
 evaluation: ready .venv/foreign
 	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
 

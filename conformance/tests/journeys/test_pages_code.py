@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +13,8 @@ import pytest
 from cli_stage import automcm
 from page_texts import PLACES, TEXTS
 
+from automcm import kernels
+from automcm.kernels.thin import prescription_bytes
 from automcm_spec.graph import oracle, oracle_generation
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -79,6 +84,23 @@ def test_the_readme_shows_the_size_and_the_hash_of_the_graph() -> None:
     shown = f"Oracle      {states:,} states, {transitions:,} transitions, "
     (line,) = [x for x in TEXTS[ROOT / "README.md"].splitlines() if x.startswith(shown)]
     assert line.endswith(f"spec {oracle_generation.spec_hash()[:12]}")
+
+
+def test_the_signatures_of_the_kernels() -> None:
+    modules = [
+        importlib.import_module(f"{kernels.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(kernels.__path__)
+    ]
+    text = "".join(text for _, text in blocks("kernels.md"))
+    shown = re.findall(r"^(\w+)\((.*?)\) ->", text, re.MULTILINE)
+    assert len(shown) > 10
+    for name, arguments in shown:
+        (found,) = {vars(module)[name] for module in modules if name in vars(module)}
+        real = inspect.signature(found)
+        of_page = f"lambda {arguments}: 0"
+        page = inspect.signature(eval(of_page, {"prescription_bytes": prescription_bytes}))
+        plain = [p.replace(annotation=inspect.Parameter.empty) for p in real.parameters.values()]
+        assert list(page.parameters.values()) == plain, name
 
 
 def test_the_scenario_of_the_page_runs(

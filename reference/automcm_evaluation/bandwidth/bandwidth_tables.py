@@ -18,6 +18,7 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
 )
 from automcm_evaluation.framework.experiment import Cell, Values, chosen
 from automcm_evaluation.framework.intervals import mean, wilson
+from automcm_simulation.radio.propagation import HEADER_BYTES, HEADERS
 from automcm_spec.vocabulary.parameters import Parameters
 
 COLOURS = {
@@ -51,17 +52,6 @@ MARKED = "CAM in a session"
 ETSI_CAM = 41
 """Bytes of an ETSI CAM in UPER, with the basic and the high-frequency container alone: encoded by
 pycrate, an independent encoder (reference/tests/foreign_cam.py)."""
-HEADERS = {
-    "802.11 MAC": 26,
-    "802.11 check sum": 4,
-    "LLC and SNAP": 8,
-    "GeoNetworking basic": 4,
-    "GeoNetworking common": 8,
-    "GeoNetworking single-hop broadcast": 28,
-    "BTP-B": 4,
-}
-"""Bytes around a payload in ITS-G5, without security; the lengths in the sources of Vanetza
-(github.com/riebl/vanetza: access/g5_link_layer.hpp, geonet/, btp/header.hpp)."""
 DIGEST, CERTIFICATE = 93, 235
 """Bytes that a signature adds to a message of less than 128 bytes (two more above), with the digest
 of its sender's certificate and with the certificate: IEEE 1609.2 as profiled by ETSI TS 103 097,
@@ -270,7 +260,6 @@ def _many(cell: Cell) -> Values:
             "busiest": basic + busiest[name] * per_s,
             "always": basic + session["always"]["sent"][name] / seconds,
         }
-    overhead = sum(HEADERS.values())
     return {
         "vehicles": vehicles,
         "participants": cell.values["participants"],
@@ -288,7 +277,7 @@ def _many(cell: Cell) -> Values:
         },
         "channel": {
             name: {
-                case: round((rate + overhead * frames[case]) * 8 / CHANNEL_BIT_S, 5)
+                case: round((rate + HEADER_BYTES * frames[case]) * 8 / CHANNEL_BIT_S, 5)
                 for case, rate in rates[name].items()
             }
             for name in CODECS

@@ -14,6 +14,7 @@ from automcm_simulation.radio.propagation import (
     BUSY_DBM,
     EXTRA_BITS,
     HEADER_BYTES,
+    HEADERS,
     NOWHERE_DBM,
     PREAMBLE_US,
     SYMBOL_BITS,
@@ -30,7 +31,7 @@ NEAR_M, FAR_M, FADING_M = 50.0, 150.0, (3.0, 1.5, 1.0)
 CW_MIN, CW_MAX, AIFSN = 15, 1023, 6
 """Of the access category AC_BE."""
 MODE = "OfdmRate6MbpsBW10MHz"
-LLC_MAC_BYTES = 36
+LLC_MAC_BYTES = sum(HEADERS[name] for name in ("802.11 MAC", "802.11 check sum", "LLC and SNAP"))
 """What ns-3 adds by itself."""
 SEEDS = 4_294_944_443
 """A seed of ns-3 is from 1 to below this; it aborts on another one."""

@@ -22,8 +22,18 @@ BUSY_DBM = -85.0
 """The power from which a channel counts as busy."""
 SENSED_DBM = -93.0
 """The power from which a frame is detected: 4 dB above the noise."""
-HEADER_BYTES = 44 + 36
-"""GeoNetworking (40) and BTP (4), and LLC (8), MAC (24) and FCS (4)."""
+HEADERS = {
+    "802.11 MAC": 24,
+    "802.11 check sum": 4,
+    "LLC and SNAP": 8,
+    "GeoNetworking basic": 4,
+    "GeoNetworking common": 8,
+    "GeoNetworking single-hop broadcast": 28,
+    "BTP-B": 4,
+}
+"""Bytes around a payload in ITS-G5, without security and without QoS control (2 more), as ns-3
+sends them; the lengths of GeoNetworking and BTP are those of ETSI EN 302 636."""
+HEADER_BYTES = sum(HEADERS.values())
 PREAMBLE_US, SYMBOL_US, SYMBOL_BITS, EXTRA_BITS = 40.0, 8.0, 48, 22
 """OFDM at 6 Mbit/s in 10 MHz: preamble with SIGNAL, and the bits of SERVICE and tail."""
 NOWHERE_DBM = -1000.0
