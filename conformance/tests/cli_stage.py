@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from automcm_cli.main import app
 from automcm_maintenance.verify import verify_screen
-from automcm_maintenance.verify.verify import Report
+from automcm_maintenance.verify.verify import VerifyReport
 
 AUTOMCM = [sys.executable, "-m", "automcm_cli"]
 REFERENCE = [*AUTOMCM, "adapter"]
@@ -52,7 +52,7 @@ def broadcast() -> Iterator[str]:
         yield f"127.255.255.255:{kept.getsockname()[1]}"
 
 
-def shown(report: Report) -> str:
+def shown(report: VerifyReport) -> str:
     """What ``automcm verify`` prints of a report."""
     console = Console(file=io.StringIO(), record=True, width=200)
     verify_screen.show(report, console)

@@ -31,7 +31,7 @@ import foreign_logs
 from automcm_maintenance.code_mutation.cpp_station import (
     SECONDS,
     SOURCE,
-    Mutant,
+    CppMutant,
     build,
     build_mutant,
     missing,
@@ -207,7 +207,7 @@ def fitting(report: Json, rules: Sequence[str]) -> tuple[str, str]:
     return "", ""
 
 
-def check_mutant(mutant: Mutant, folder: Path) -> Row:
+def check_mutant(mutant: CppMutant, folder: Path) -> Row:
     """The suite finds the mistake: first the cases of its rules alone, then all."""
     row = Row(mutant.name)
     with judged(row):

@@ -16,7 +16,7 @@ from automcm.links.simulated_radio import Channel
 from automcm_maintenance.code_mutation.cpp_station import (
     SECONDS,
     SOURCE,
-    Mutant,
+    CppMutant,
     build_mutant,
     mutants,
 )
@@ -39,9 +39,9 @@ RESTART = SOURCE.parents[2] / "traces/corpus/behaviours/restarts/005-1001.ndjson
 """Of the corpus: a station restarts while its timers run."""
 
 
-def unchanged() -> Mutant:
+def unchanged() -> CppMutant:
     """The station as it is."""
-    return Mutant("unchanged", "", (), ())
+    return CppMutant("unchanged", "", (), ())
 
 
 def check_logs(folder: Path) -> str:

@@ -37,7 +37,7 @@ from copied_tree import FOLDERS, ROOT, copied
 sys.path.append(str(ROOT / "reference/tests"))
 from seeded_bugs import BUGS
 
-from automcm_maintenance.code_mutation.source_mutants import Mutant, hash_of, of_file
+from automcm_maintenance.code_mutation.source_mutants import SourceMutant, hash_of, of_file
 from automcm_maintenance.compilation import compiler, sany
 from automcm_maintenance.documents.repository import SOURCES
 from automcm_maintenance.spec_mutation import mutants
@@ -73,7 +73,7 @@ def modules(only: str) -> list[Path]:
 Order = Callable[[str], str]
 
 
-def drawn(paths: Sequence[Path], order: Order) -> Iterator[tuple[Path, Mutant]]:
+def drawn(paths: Sequence[Path], order: Order) -> Iterator[tuple[Path, SourceMutant]]:
     """One fault of each module, then another, in ``order``."""
     turn = 0
     while turn < 1000:
@@ -134,7 +134,7 @@ def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
                 module.write_bytes(edit.apply(module.read_bytes()))
                 try:
                     source = compiler.text(tla)
-                except (sany.Refused, tlc.TlcError, ToolError) as error:
+                except (sany.NotCompiled, tlc.TlcError, ToolError) as error:
                     print(f"left out, does not compile: {edit.id}: {error}", flush=True)
                     continue
             if source != compiler.PATH.read_text(encoding="utf-8"):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_maintenance.corpus.corpus_bad import EditedLog as Edited
 
 Line = dict[str, Any]
 HEADER: Line = {

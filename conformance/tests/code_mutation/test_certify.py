@@ -27,15 +27,15 @@ from automcm_maintenance.code_mutation import (
     source_mutants,
     suite_kills,
 )
-from automcm_maintenance.code_mutation.behaviour_digest import VARIANTS, Walker
-from automcm_maintenance.code_mutation.certificate import Asked, Certificate, Row
+from automcm_maintenance.code_mutation.behaviour_digest import VARIANTS, AnyState
+from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
 from automcm_maintenance.code_mutation.equivalence import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_edits import CLASSES
 from automcm_maintenance.code_mutation.source_mutants import (
     SHARE,
     Generated,
-    Mutant,
+    SourceMutant,
     generate,
     path_of,
     sample,
@@ -58,13 +58,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("certify")
 
 
-def changed(module: str, old: str, new: str) -> Mutant:
+def changed(module: str, old: str, new: str) -> SourceMutant:
     """A mutant made by hand."""
     source = path_of(module).read_text(encoding="utf-8")
     assert source.count(old) == 1, old
     mutated = source.replace(old, new)
     line = source[: source.index(old)].count("\n") + 1
-    return Mutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
+    return SourceMutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
 
 
 @pytest.mark.slow
@@ -181,7 +181,7 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
     assert done.returncode == NO_IMPORT and "ZeroDivisionError" in done.stderr
 
 
-def walked(mutant: Mutant, folder: Path) -> Difference | None:
+def walked(mutant: SourceMutant, folder: Path) -> Difference | None:
     file = folder / "source.py"
     file.write_text(mutant.source, encoding="utf-8")
     found = equivalence.first_difference(mutant, file, folder, TIGHT)
@@ -193,7 +193,7 @@ def test_an_equivalent_mutant_is_called_so(folder: Path) -> None:
     same = changed("prescribing", "not (st.phase == ", "True and not (st.phase == ")
     assert walked(same, folder) is None
     selectors, walks = ("AMCM/STA/REL/TI-01",), (*TIGHT, ("tight", 1))
-    asked = Asked(folder, selectors=selectors, walks=walks)
+    asked = CertificateRun(folder, selectors=selectors, walks=walks)
     (row,), problems = certificate.run([same], asked, lambda text: None)
     assert row.verdict == "equivalent" and problems == []
     assert {path.name[:7] for path in folder.glob("*.digests")} == {"tight-0", "tight-1"}
@@ -212,11 +212,11 @@ def test_a_mutant_that_ends_the_first_look_may_not_be_equivalent(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def ended(*_: object) -> None:
-        raise equivalence.WalkError("exit code 1: MemoryError")
+        raise equivalence.EquivalenceError("exit code 1: MemoryError")
 
     monkeypatch.setattr(equivalence, "first_difference", ended)
     mutant = changed("station", "return min(armed(", "return max(armed(")
-    job = certificate._look(certificate._Job(mutant, Asked(tmp_path)))
+    job = certificate._look(certificate._Job(mutant, CertificateRun(tmp_path)))
     assert not job.same and job.error == "exit code 1: MemoryError"
 
 
@@ -246,10 +246,10 @@ def test_what_is_run_until_a_case_fails(
 
     monkeypatch.setattr(suite_kills, "kills", kills)
     monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
-    certificate.killed(["no"], Asked(tmp_path, quick=quick), tmp_path, first)
+    certificate.killed(["no"], CertificateRun(tmp_path, quick=quick), tmp_path, first)
     assert ran == parts
-    kept = certificate.suite_hash(Asked(tmp_path, quick=quick))
-    assert (kept == certificate.suite_hash(Asked(tmp_path))) is not quick
+    kept = certificate.suite_hash(CertificateRun(tmp_path, quick=quick))
+    assert (kept == certificate.suite_hash(CertificateRun(tmp_path))) is not quick
 
 
 def test_a_changed_walk_makes_earlier_verdicts_invalid(
@@ -260,13 +260,13 @@ def test_a_changed_walk_makes_earlier_verdicts_invalid(
     found = set()
     for text in ("one", "other"):
         walk.write_text(text)
-        found.add(certificate.suite_hash(Asked(tmp_path)))
+        found.add(certificate.suite_hash(CertificateRun(tmp_path)))
     assert len(found) == 2
 
 
 def test_a_walk_without_end_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(equivalence, "SECONDS", 0)
-    with pytest.raises(equivalence.WalkError, match="no end after 0 s"):
+    with pytest.raises(equivalence.EquivalenceError, match="no end after 0 s"):
         equivalence.digests(tmp_path, ("tight", 0))
     assert not list(tmp_path.glob("*.digests"))
 
@@ -285,12 +285,12 @@ def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
     mutant = changed(*SCRIPTS["table"])
     for known in folder.glob("*.digests"):
         (tmp_path / known.name).write_bytes(known.read_bytes())
-    blind = Asked(tmp_path, selectors=("AMCM/STA/REL/TI-01",), jobs=1, walks=TIGHT)
+    blind = CertificateRun(tmp_path, selectors=("AMCM/STA/REL/TI-01",), jobs=1, walks=TIGHT)
     for _ in range(2):  # the second time from what was kept
         rows, problems = certificate.run([mutant], blind, lambda text: None)
         (row,) = rows
         assert row.verdict == "survived" and row.difference is not None and problems == []
-    found = Certificate(blind, "ab" * 32, Generated([mutant]), 1, rows)
+    found = KillCertificate(blind, "ab" * 32, Generated([mutant]), 1, rows)
     assert found.exit_code == 1 and found.as_dict()["counts"] == {"survived": 1}
     shown = certificate_page.summary(found)
     assert mutant.id in shown and row.difference.input in shown
@@ -299,12 +299,12 @@ def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
     assert row.verdict == "killed" and len(row.cases) == 1 and problems == []
 
 
-def of(*rows: Row, chosen: int = 2) -> Certificate:
-    asked = Asked(Path(), seed=7)
-    return Certificate(asked, "ab" * 32, Generated([]), chosen, list(rows))
+def of(*rows: MutantRow, chosen: int = 2) -> KillCertificate:
+    asked = CertificateRun(Path(), seed=7)
+    return KillCertificate(asked, "ab" * 32, Generated([]), chosen, list(rows))
 
 
-KILLED = Row(
+KILLED = MutantRow(
     "state/armed/timer-1", "timer", "reference/automcm/core/state.py", 9, "ACT-5", "a | b", "a"
 )
 
@@ -328,14 +328,19 @@ def test_an_interrupted_run_returns_what_is_decided_and_continues(
     first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
 
     def judge(
-        mutants: list[Mutant], _: object, __: object, rows: dict[str, Row], kept: Any, ___: object
+        mutants: list[SourceMutant],
+        _: object,
+        __: object,
+        rows: dict[str, MutantRow],
+        kept: Any,
+        ___: object,
     ) -> None:
         for mutant, verdict in zip(mutants, ("killed", "undecided"), strict=False):
             kept.keep(mutant.source, replace(KILLED, id=mutant.id, verdict=verdict), rows)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(certificate, "_judge", judge)
-    asked = Asked(tmp_path, jobs=1)
+    asked = CertificateRun(tmp_path, jobs=1)
     (tmp_path / ".tight-0.part.ab.new").write_text("the rest of a run that was killed")
     rows, problems = certificate.run([first, second], asked, lambda text: None)
     assert [row.id for row in rows] == [first.id] and problems == ["interrupted"]
@@ -357,13 +362,13 @@ def test_only_who_is_compared_on_every_graph_is_equivalent(
     def first_difference(_: object, __: object, ___: object, walks: Any) -> None:
         walked.extend(walks)
         if ends in {graph for graph, _ in walks}:
-            raise equivalence.WalkError("no end")
+            raise equivalence.EquivalenceError("no end")
 
     monkeypatch.setattr(equivalence, "first_difference", first_difference)
     monkeypatch.setattr(certificate, "killed", lambda *_: Kills())
     monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
     mutant = changed(*SCRIPTS["table"])
-    row = certificate._work(certificate._look(certificate._Job(mutant, Asked(tmp_path))))
+    row = certificate._work(certificate._look(certificate._Job(mutant, CertificateRun(tmp_path))))
     if ends is None:
         assert row.verdict == "equivalent" and sorted(walked) == sorted(equivalence.WALKS)
     else:
@@ -374,8 +379,8 @@ def test_what_may_be_equivalent_comes_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
-    asked, ran = Asked(tmp_path, jobs=1), []
-    found = equivalence.Found(("tight", 0), 1, ["restart"])
+    asked, ran = CertificateRun(tmp_path, jobs=1), []
+    found = equivalence.FirstDifference(("tight", 0), 1, ["restart"])
 
     class InTurn:
         def map_async(self, *_: object) -> InTurn:
@@ -412,7 +417,7 @@ def test_the_parts_of_the_suite_end_with_a_kill_and_share_one_limit(
 
     monkeypatch.setattr(suite_kills, "kills", kills)
     monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
-    found = certificate.killed(["no"], Asked(tmp_path), tmp_path, ["ACT-3"])
+    found = certificate.killed(["no"], CertificateRun(tmp_path), tmp_path, ["ACT-3"])
     assert found.cases == ["AMCM/STA/END/BI-04"]
     assert certificate.UNTIL_S >= left[0] > left[1] and len(left) == 2
 
@@ -449,7 +454,7 @@ def hidden(made: Generated, id_: str, folder: Path) -> bool:
 
 def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     right, graph = lockstep.unchanged(), load(GRAPHS["tight"].path)
-    other, same = Walker(graph, VARIANTS[0]), right.Walker(graph, right.VARIANTS[0])
+    other, same = AnyState(graph, VARIANTS[0]), right.AnyState(graph, right.VARIANTS[0])
     assert other.extra_outcomes(other.at(0)) == same.extra_outcomes(same.at(0))
     monkeypatch.setattr(other, "extra_outcomes", lambda state: ["another outcome"])
     found = lockstep.distinguished(other, same)

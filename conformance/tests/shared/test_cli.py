@@ -12,11 +12,11 @@ from cli_stage import automcm, shown
 
 from automcm_cli.spec import model_output
 from automcm_maintenance.compilation import compiler
-from automcm_maintenance.compilation.sany import Refused
+from automcm_maintenance.compilation.sany import NotCompiled
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify.graph_comparison import Comparison, Coverage, Divergence
+from automcm_maintenance.verify.graph_comparison import Coverage, Divergence, WalkResult
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement, OracleDifference
 from automcm_spec.model_checking import model_runs, models, tlc
@@ -104,14 +104,14 @@ def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:
         generated_files.between(page, "b", "new")
 
 
-def good_report() -> verify_.Report:
+def good_report() -> verify_.VerifyReport:
     model = models.load()[0]
     result = TlcResult("holds", None, 10, 20, 3, 0.1)
-    return verify_.Report(
+    return verify_.VerifyReport(
         "quick",
         verdicts=[models.ModelVerdict(model, "holds", None, result, None)],
         oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
-        compared={"one-peer": Comparison(states=1, inputs=5)},
+        compared={"one-peer": WalkResult(states=1, inputs=5)},
         compiled={"one-peer": Agreement(states=1, inputs=6)},
         coverage=Coverage(covered={"NEG-4": "NEG-4"}),
         behaviours=3,
@@ -149,11 +149,11 @@ def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) ->
     def unwanted(*_: object, **__: object) -> None:
         raise AssertionError("models were asked for")
 
-    def compared(report: verify_.Report, *_: object) -> None:
+    def compared(report: verify_.VerifyReport, *_: object) -> None:
         assert not report.drift, "compared before anything is looked at that is generated"
         report.compared = good_report().compared
 
-    def drift(report: verify_.Report, *_: object) -> None:
+    def drift(report: verify_.VerifyReport, *_: object) -> None:
         report.drift.append("spec/oracle: stale")
 
     monkeypatch.setattr(verify_, "_models", unwanted)
@@ -166,24 +166,24 @@ def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) ->
     assert found["reference"]["inputs_compared"] == 5 and found["drift"] == ["spec/oracle: stale"]
 
 
-def uncovered(report: verify_.Report) -> None:
+def uncovered(report: verify_.VerifyReport) -> None:
     assert report.coverage is not None
     report.coverage.uncovered.append("NEG-5")
 
 
-def violates(report: verify_.Report) -> None:
+def violates(report: verify_.VerifyReport) -> None:
     result = TlcResult("violates", "NoHazardInv", 10, 20, 3, 0.1)
     verdict = models.ModelVerdict(models.load()[0], "violates", "S-5", result, "violates S-5")
     report.verdicts.append(verdict)
 
 
-def compiled_differs(report: verify_.Report) -> None:
+def compiled_differs(report: verify_.VerifyReport) -> None:
     report.compiled["one-peer"].differences = 1
     report.compiled["one-peer"].found.append(OracleDifference([], Restart("restart"), 1, 2))
 
 
 DIVERGENCE = Divergence([Restart("restart")], "END-8", 9, {"told": 1}, {"told": 2})
-WRONG: dict[str, Callable[[verify_.Report], None]] = {
+WRONG: dict[str, Callable[[verify_.VerifyReport], None]] = {
     "divergence": lambda r: r.compared["one-peer"].divergences.append(DIVERGENCE),
     "behaviour": lambda r: r.behaviour_differences.append("step 3 [red]"),
     "uncovered": uncovered,
@@ -221,7 +221,7 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
         raise KeyError("PRE-6")
 
     def refused() -> str:
-        raise Refused("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
+        raise NotCompiled("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
 
     def of_another_version(*_: object) -> Any:
         return oracle.load(oracle_generation.TIGHT.path, "another")

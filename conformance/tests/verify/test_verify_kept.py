@@ -16,7 +16,7 @@ from automcm_maintenance.documents import generated_files
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify.graph_comparison import Comparison, Coverage
+from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
 from automcm_spec.model_checking.models import Model, ModelVerdict
@@ -43,8 +43,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
             result = TlcResult("holds", None, 10, 20, 3, 0.1)
             options["on_done"](ModelVerdict(model, "holds", None, result, None, kept=not fresh[-1]))
 
-    def compared(report: verify_.Report, data: bytes, notify: object) -> None:
-        report.compared = {"one-peer": Comparison(states=1, inputs=5)}
+    def compared(report: verify_.VerifyReport, data: bytes, notify: object) -> None:
+        report.compared = {"one-peer": WalkResult(states=1, inputs=5)}
         report.compiled = {"one-peer": Agreement(states=1, inputs=6)}
         report.coverage = Coverage(covered={"a rule": "one"})
 

@@ -32,7 +32,7 @@ _CAR, _OTHER, _NOW = 3_000_000_001, 3_000_000_002, 1_800_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Size:
+class MessageSize:
     """The size of one message in bytes.  ``points`` is 0 without a trajectory."""
 
     type: str
@@ -87,7 +87,7 @@ def plain() -> list[Message | Cam]:
     ]
 
 
-def measure(points: Sequence[int] = POINTS) -> list[Size]:
+def measure(points: Sequence[int] = POINTS) -> list[MessageSize]:
     """The size of each type in each codec; with a trajectory, for each number of points.
 
     Raises CodecError if the extra ``automcm[asn1]`` is not installed.
@@ -95,7 +95,7 @@ def measure(points: Sequence[int] = POINTS) -> list[Size]:
     messages: list[tuple[int, Message | Cam]] = [(0, message) for message in plain()]
     messages += [(n, message) for n in points for message in carrying(trajectory(n))]
     return [
-        Size(message.type, n, name, len(codec(name).encode(message)))
+        MessageSize(message.type, n, name, len(codec(name).encode(message)))
         for n, message in messages
         for name in NAMES
     ]

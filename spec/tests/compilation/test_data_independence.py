@@ -22,5 +22,5 @@ def test_ids_are_compared_and_session_numbers_ordered(open_xml: bytes) -> None:
 @pytest.mark.parametrize("what", DEPENDENT)
 def test_any_other_use_is_refused(what: str, tmp_path: Path) -> None:
     tla = edited(DEPENDENT[what], tmp_path)
-    with pytest.raises(sany.Refused, match=r"^Station.tla:\d+: .*"):
+    with pytest.raises(sany.NotCompiled, match=r"^Station.tla:\d+: .*"):
         data_independence.uses(sany.export(compiler.PLAN.module, tla))

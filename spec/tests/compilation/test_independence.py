@@ -15,12 +15,12 @@ import pytest
 from coupled_stage import COUPLED, edited
 
 from automcm_maintenance.compilation import independence, sany
-from automcm_maintenance.compilation.independence import LEMMAS, Limits, Sample
+from automcm_maintenance.compilation.independence import LEMMAS, OpenLimits, WalkSample
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.parameters import Parameters
 
 PARAMETERS = Parameters()
-REAL = Limits(
+REAL = OpenLimits(
     max_rounds=PARAMETERS.max_rounds,
     max_participants=PARAMETERS.max_participants,
     outbox_limit=PARAMETERS.outbox_limit,
@@ -42,12 +42,12 @@ def xml() -> bytes:
     return sany.export(independence.PLAN.module)
 
 
-def sampled(module: ModuleType, number: int, *lemmas: str) -> Iterator[Sample]:
+def sampled(module: ModuleType, number: int, *lemmas: str) -> Iterator[WalkSample]:
     for limits in LIMITS:
         yield independence.sample(limits.station(module), number, 1, lemmas or tuple(LEMMAS))
 
 
-def check(number: int, xml: bytes) -> list[Sample]:
+def check(number: int, xml: bytes) -> list[WalkSample]:
     samples = list(sampled(independence.load(xml=xml), number))
     assert [found.violation for found in samples] == [None, None]
     return samples

@@ -315,7 +315,7 @@ def test_what_is_not_in_the_subset_is_named_with_its_line(
 ) -> None:
     folder, xml = refused
     plan = compiler.Plan("Refused", {f"E{n}": ()}, PLAN.constants)
-    with pytest.raises(sany.Refused) as caught:
+    with pytest.raises(sany.NotCompiled) as caught:
         compiler.source(plan, xml, folder)
     lines = (folder / "Refused.tla").read_text().splitlines()
     (line,) = (k for k, text in enumerate(lines, 1) if text.startswith(f"E{n} =="))
@@ -334,7 +334,7 @@ def test_an_argument_may_not_take_a_name_that_is_bound_where_it_goes(tmp_path: P
         )
     )
     plan = compiler.Plan("Captured", {"E": ()}, PLAN.constants)
-    with pytest.raises(sany.Refused, match=r"Captured\.tla:6: .* a name that is bound there"):
+    with pytest.raises(sany.NotCompiled, match=r"Captured\.tla:6: .* a name that is bound there"):
         compiler.source(plan, sany.export("Captured", tmp_path), tmp_path)
 
 

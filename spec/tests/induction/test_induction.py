@@ -11,15 +11,15 @@ import pytest
 z3 = pytest.importorskip("z3", reason="needs the extra prove")
 
 from automcm_maintenance.compilation import sany  # noqa: E402
-from automcm_maintenance.compilation.sany import Specification  # noqa: E402
+from automcm_maintenance.compilation.sany import ParsedModules  # noqa: E402
 from automcm_maintenance.induction import prove_commands, symbolic  # noqa: E402
 from automcm_maintenance.induction.proof import (  # noqa: E402
     ENTRIES,
     MESSAGES,
     OF_STATES,
     OF_STEPS,
+    ProofResult,
     Prover,
-    Result,
 )
 from automcm_spec.model_checking import models  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
@@ -38,12 +38,12 @@ LIMITS = {
 
 
 @pytest.fixture(scope="module")
-def spec() -> Specification:
+def spec() -> ParsedModules:
     return sany.read(sany.export("Inductive"))
 
 
 @pytest.fixture(scope="module")
-def ablations() -> Specification:
+def ablations() -> ParsedModules:
     return sany.read(sany.export("Ablations"))
 
 
@@ -58,7 +58,7 @@ def tla(value: Any) -> Any:
     return value
 
 
-def test_the_evaluator_agrees_with_the_compiled_station(spec: Specification) -> None:
+def test_the_evaluator_agrees_with_the_compiled_station(spec: ParsedModules) -> None:
     """The first step of each rule.  On known values all but a test of a size (MEM-1) is decided
     without z3."""
     evaluator = symbolic.Evaluator(spec, LIMITS)
@@ -74,7 +74,7 @@ def test_the_evaluator_agrees_with_the_compiled_station(spec: Specification) -> 
         assert solver.check() == z3.sat, (rule, st, i)
 
 
-def test_it_agrees_if_nothing_is_known(spec: Specification) -> None:
+def test_it_agrees_if_nothing_is_known(spec: ParsedModules) -> None:
     """The values are variables here, and z3 knows that they equal those of the step."""
     prover = Prover(spec)
     evaluator = symbolic.Evaluator(spec, LIMITS, sizes=lambda _: True)  # there was room
@@ -97,25 +97,25 @@ def test_it_agrees_if_nothing_is_known(spec: Specification) -> None:
         assert solver.check() == z3.unsat, (st, i)
 
 
-def test_an_unknown_construct_is_refused(spec: Specification) -> None:
-    with pytest.raises(sany.Refused, match=r"TLCGet"):
+def test_an_unknown_construct_is_refused(spec: ParsedModules) -> None:
+    with pytest.raises(sany.NotCompiled, match=r"TLCGet"):
         node = replace(spec.operators["Nobody"].body, op="TLCGet")
         symbolic.Evaluator(spec, LIMITS).value(node, {})
 
 
-def unproved(prover: Prover, step: str) -> Result | None:
+def unproved(prover: Prover, step: str) -> ProofResult | None:
     """The first obligation of these steps that z3 does not prove."""
     return next((r for r in prover.results(step) if r.verdict != "proved"), None)
 
 
-def test_steps_keep_the_invariant(spec: Specification) -> None:
+def test_steps_keep_the_invariant(spec: ParsedModules) -> None:
     results = list(Prover(spec).results("request"))
     assert {r.verdict for r in results} == {"proved"}
     assert {r.goal for r in results} == {*Prover(spec).conjuncts, *OF_STEPS}
 
 
 @pytest.mark.slow
-def test_all_is_proved(spec: Specification) -> None:
+def test_all_is_proved(spec: ParsedModules) -> None:
     report = prove_commands.run([], "", lambda text: None)
     assert report.open == []
     assert {r.goal for r in report.results} == {*Prover(spec).conjuncts, *OF_STEPS, *OF_STATES}
@@ -132,12 +132,12 @@ STEPS = {
 }
 
 
-def test_every_kind_of_step_is_proved(spec: Specification) -> None:
+def test_every_kind_of_step_is_proved(spec: ParsedModules) -> None:
     assert {kind.name for kind in Prover(spec).transitions()} == STEPS
 
 
 @pytest.mark.slow
-def test_no_obligation_is_vacuous(spec: Specification) -> None:
+def test_no_obligation_is_vacuous(spec: ParsedModules) -> None:
     """From contradictory hypotheses, or with a guard that never holds, all would be proved.
 
     z3 finds a state with the invariant, and no contradiction with a step that is possible in it.
@@ -178,7 +178,7 @@ def test_each_ablation_is_tried() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("cfg", BROKEN_BY)
 def test_the_proof_fails_without_a_mechanism(
-    cfg: str, spec: Specification, ablations: Specification
+    cfg: str, spec: ParsedModules, ablations: ParsedModules
 ) -> None:
     [config] = [model.config for model in models.load() if model.cfg == cfg]
     operators = {**ablations.operators, **spec.operators}
@@ -210,11 +210,11 @@ NEEDED_AT = {
 """The step at which the rest of the invariant is not kept without a conjunct; "": in one state."""
 
 
-def test_each_conjunct_is_tried(spec: Specification) -> None:
+def test_each_conjunct_is_tried(spec: ParsedModules) -> None:
     assert list(NEEDED_AT) == Prover(spec).conjuncts
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NEEDED_AT)
-def test_the_proof_fails_without_a_conjunct(name: str, spec: Specification) -> None:
+def test_the_proof_fails_without_a_conjunct(name: str, spec: ParsedModules) -> None:
     assert unproved(Prover(spec, frozenset({name})), NEEDED_AT[name])

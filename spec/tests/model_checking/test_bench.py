@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from automcm_cli.main import app
 from automcm_maintenance.benches import encoding_bench
-from automcm_maintenance.benches.encoding_bench import Figure, Report
+from automcm_maintenance.benches.encoding_bench import EncodingFigures, Figure
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.model_checking.models import PROPERTIES
 from automcm_spec.support.paths import BENCH
@@ -68,7 +68,7 @@ def test_a_bound_too_low_is_no_verdict(
     naive: list[tuple[int, bool]], shown: bool | None, code: int
 ) -> None:
     figures = tuple(figure(n, finished=finished) for n, finished in naive)
-    report = Report(figure(10, finished=True), figures)
+    report = EncodingFigures(figure(10, finished=True), figures)
     assert (report.shown, report.exit_code) == (shown, code)
     assert report.as_dict()["encodings"][1]["ratio"] == naive[0][0] / 10
 

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 
 from automcm_cli.main import app
 from automcm_maintenance.documents import matrix_page
-from automcm_maintenance.documents.matrix_page import Entry, Head
+from automcm_maintenance.documents.matrix_page import Head, MatrixEntry
 from automcm_maintenance.spec_mutation import matrix, matrix_modules, mutants
-from automcm_maintenance.spec_mutation.matrix import Cell, Matrix
+from automcm_maintenance.spec_mutation.matrix import Matrix, MatrixCell
 from automcm_maintenance.spec_mutation.mutant_runs import MutationError
 from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models, tlc
@@ -390,7 +390,7 @@ def test_a_mutant_that_is_equal_wherever_it_counts_is_not_explored(
 ) -> None:
     ran = pretend(lambda numbers, say: None, same=[2])
     rows, complete = of(folder).run(FOUR, 1, quiet)
-    assert complete and ran == [[1, 3, 4]] and rows[1] == matrix.Row(FOUR[1], {}, {}, 1)
+    assert complete and ran == [[1, 3, 4]] and rows[1] == matrix.MatrixRow(FOUR[1], {}, {}, 1)
 
 
 def test_a_change_repeats_only_what_it_affects(folder: Path, pretend: Any) -> None:
@@ -435,7 +435,7 @@ def test_an_interrupted_run_keeps_its_cells(
 def test_a_violation_without_a_mutant_ends_the_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Matrix, "_explored", lambda *_: {0: Cell(("Small",), "finished")})
+    monkeypatch.setattr(Matrix, "_explored", lambda *_: {0: MatrixCell(("Small",), "finished")})
     with pytest.raises(MutationError, match="count is not as expected without a mutant"):
         of(folder).run(FOUR, 1, quiet)
 
@@ -491,9 +491,15 @@ def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
 # The page
 
 HEAD = Head(models=["count"], changed={"count": {"Top": "5"}}, states=3)
-KILLED = Entry(id="Station.Step.x.1", change="a  =>  b", kills={"S-1": "count"}, unfinished={})
-SEEN = Entry(id="Station.Step.x.2", change="c  =>  d", kills={"oracle": "count"}, unfinished={})
-ALIVE = Entry(id="Station.Same.x.3", change="e  =>  f", kills={}, unfinished={"count": "error"})
+KILLED = MatrixEntry(
+    id="Station.Step.x.1", change="a  =>  b", kills={"S-1": "count"}, unfinished={}
+)
+SEEN = MatrixEntry(
+    id="Station.Step.x.2", change="c  =>  d", kills={"oracle": "count"}, unfinished={}
+)
+ALIVE = MatrixEntry(
+    id="Station.Same.x.3", change="e  =>  f", kills={}, unfinished={"count": "error"}
+)
 
 
 def test_the_page_counts_and_lists() -> None:
@@ -575,7 +581,9 @@ def test_only_the_matrix_can_be_sparing() -> None:
 
 def test_the_command_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(self: Matrix, wanted: list[Mutant], *_: Any) -> Any:
-        return [matrix.Row(m, {"S-1": "count"} if n else {}) for n, m in enumerate(wanted)], True
+        return [
+            matrix.MatrixRow(m, {"S-1": "count"} if n else {}) for n, m in enumerate(wanted)
+        ], True
 
     monkeypatch.setattr(Matrix, "run", run)
     answer = CliRunner().invoke(app, ["spec", "mutate", "--matrix", "--limit", "3"])

@@ -109,8 +109,8 @@ def test_survivors_must_be_those_listed(folder: Path) -> None:
     elsewhere = entry(alive, id="Timed.X.guard.0")
     path.write_text(entry(alive) + entry(killed) + entry(edited, source="old") + gone + elsewhere)
     kill = mutant_runs.Kill("tiny", "counts", "depth")
-    outcomes = [mutant_runs.Outcome(m, (kill,) if m == killed else ()) for m in every[:4]]
-    report = mutant_runs.Report("quick", 4, outcomes)
+    outcomes = [mutant_runs.MutantOutcome(m, (kill,) if m == killed else ()) for m in every[:4]]
+    report = mutant_runs.MutationReport("quick", 4, outcomes)
     problems = survivors.compare(report, survivors.load(folder), every, ["Tiny"])
     assert [text.split(" (")[0] for text in problems] == [
         f"{unlisted.id} survived",
@@ -172,9 +172,9 @@ def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     wanted = mutants.sample(mutants.generate(), 3)
     kill = mutant_runs.Kill("one_by_two", "property", "S-1")
 
-    def pretended(found: list[Mutant], *_: Any, **__: Any) -> mutant_runs.Report:
-        outcomes = [mutant_runs.Outcome(m, (kill,) if m != found[-1] else ()) for m in found]
-        return mutant_runs.Report("quick", len(found), outcomes)
+    def pretended(found: list[Mutant], *_: Any, **__: Any) -> mutant_runs.MutationReport:
+        outcomes = [mutant_runs.MutantOutcome(m, (kill,) if m != found[-1] else ()) for m in found]
+        return mutant_runs.MutationReport("quick", len(found), outcomes)
 
     monkeypatch.setattr(mutant_runs, "run", pretended)
     monkeypatch.setattr(models, "load", lambda: [tiny()])

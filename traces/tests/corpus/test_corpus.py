@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from automcm_maintenance.corpus.corpus import COVERAGE, Entry, index, index_text
-from automcm_maintenance.corpus.corpus_bad import Log as Records
+from automcm_maintenance.corpus.corpus import COVERAGE, CorpusEntry, index, index_text
+from automcm_maintenance.corpus.corpus_bad import EditedLog as Records
 from automcm_maintenance.corpus.corpus_bad import bases_among
 from automcm_maintenance.corpus.corpus_walks import transition
 from automcm_spec.log_format.log import Receive, Send
@@ -25,7 +25,7 @@ CORPUS = Path(__file__).resolve().parents[2] / "corpus"
 ENTRIES = index(CORPUS)
 
 
-def of(kind: str) -> list[Entry]:
+def of(kind: str) -> list[CorpusEntry]:
     return [entry for entry in ENTRIES if entry.file.startswith(f"{kind}/")]
 
 
@@ -37,7 +37,7 @@ def test_the_index_names_every_log_and_no_other() -> None:
 
 
 @pytest.mark.parametrize("entry", of("bad"), ids=lambda entry: Path(entry.file).stem)
-def test_what_is_wrong_is_named_at_its_line(entry: Entry) -> None:
+def test_what_is_wrong_is_named_at_its_line(entry: CorpusEntry) -> None:
     beside = [CORPUS / entry.beside] if entry.beside else []
     verdict = explain_files([*beside, CORPUS / entry.file])[-1]
     assert (verdict.verdict, verdict.finding.at.line) == (entry.verdict, entry.line), verdict

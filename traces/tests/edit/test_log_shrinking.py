@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from merged_runs import simulated
 
-from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_maintenance.corpus.corpus_bad import EditedLog as Edited
 from automcm_spec.graph.oracle import Oracle, OracleAnswer, load
 from automcm_spec.graph.oracle_generation import ONE_PEER
 from automcm_spec.log_format.reader import read

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_maintenance.corpus.corpus_bad import EditedLog as Edited
 from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import Logs

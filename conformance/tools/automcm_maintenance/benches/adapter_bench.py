@@ -26,7 +26,7 @@ SINGLES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class AdapterRow:
     """The figures of one language.  Times in seconds for ``lines`` lines."""
 
     language: str
@@ -74,7 +74,7 @@ def measure(
     oracle: Oracle,
     purposes: Sequence[Purpose],
     notify: Notify,
-) -> Row:
+) -> AdapterRow:
     """Run these purposes on ``oracle``.  Raises AdapterError and ProtocolError."""
     adapter = _Recorder(command)
     runner = Runner(adapter, purposes, 1, notify)
@@ -94,7 +94,7 @@ def measure(
     lines = [line for bulk in adapter.bulks for line in bulk]
     some = lines[:SINGLES]
     single = _unread(echo, [[line] for line in some]) * len(lines) / len(some)
-    return Row(language, len(lines), checked, unchecked, floor, single, faults)
+    return AdapterRow(language, len(lines), checked, unchecked, floor, single, faults)
 
 
 def _unread(command: Sequence[str], bulks: list[list[bytes]]) -> float:

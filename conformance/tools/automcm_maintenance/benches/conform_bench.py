@@ -16,7 +16,7 @@ from automcm_maintenance.code_mutation.cpp_station import SOURCE, build, missing
 from automcm_spec.support import children, scratch
 
 if TYPE_CHECKING:
-    from automcm_maintenance.benches.adapter_bench import Row
+    from automcm_maintenance.benches.adapter_bench import AdapterRow
 
 
 def conform(
@@ -88,7 +88,7 @@ def _all_must(command: list[str], folder: Path) -> float:
     return perf_counter() - start
 
 
-def _show(rows: list[Row], notes: list[str]) -> None:
+def _show(rows: list[AdapterRow], notes: list[str]) -> None:
     table = table_of(
         *("", "lines", "steps/s", "checked"),
         *("/ unchecked", "/ echo", "/ echo singly", "wrong"),

@@ -106,7 +106,7 @@ class Memory:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class StationFigures:
     """All figures of one run."""
 
     core: Core
@@ -122,7 +122,7 @@ class Report:
 Input = Message | Cam | Command
 
 
-def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> Report:
+def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> StationFigures:
     """Measure all figures in about ``seconds``, plus the time for the memory."""
     notify("core")
     core_ = core(seconds / 5)
@@ -134,7 +134,7 @@ def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> Re
             notify(f"sessions, t_timeout {t_timeout} ms, loss {loss:.0%}")
             found.append(sessions(t_timeout, loss, seconds / 8))
     notify("memory")
-    return Report(core_, codings_, tuple(found), memory())
+    return StationFigures(core_, codings_, tuple(found), memory())
 
 
 # -- the core

@@ -66,7 +66,7 @@ class Found(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class FuzzCounts:
     """Numbers of accepted and refused inputs."""
 
     accepted: int
@@ -234,7 +234,7 @@ def fuzz(
     count: int,
     seed: int,
     progress: Callable[[int], None] | None = None,
-) -> Outcome:
+) -> FuzzCounts:
     """Decode ``count`` inputs.  Raises Found for the first input that breaks the codec."""
     valid = [tested.encode(message) for message in examples()]
     mutator = Mutator(valid, f"{tested.name} {seed}", text=tested.name == "json")
@@ -246,7 +246,7 @@ def fuzz(
             mutator.keep(data)
         if progress is not None and done % 20_000 == 0:
             progress(done)
-    return Outcome(accepted, count - accepted)
+    return FuzzCounts(accepted, count - accepted)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -49,7 +49,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Report:
+class EncodingFigures:
     """The specification's encoding and the naive ones on the same model, measured in sequence."""
 
     ours: Figure
@@ -96,7 +96,7 @@ class Report:
 
 def run(
     seconds: int, notify: Callable[[str], None] = lambda text: None, *, bench: Path = BENCH
-) -> Report:
+) -> EncodingFigures:
     """Measure every encoding, each naive one for at most ``seconds``.
 
     bench is the folder of the cfgs.  Raises tlc.TlcError if TLC gives no verdict, and BenchError if
@@ -109,7 +109,7 @@ def run(
     ours, *naive = figures
     if not ours.finished:
         raise BenchError("TLC did not finish with the specification's own encoding")
-    return Report(ours, tuple(naive))
+    return EncodingFigures(ours, tuple(naive))
 
 
 def _measure(name: str, seconds: int, bench: Path) -> Figure:
@@ -127,7 +127,7 @@ def _measure(name: str, seconds: int, bench: Path) -> Figure:
     return Figure(name, about, r.distinct_states, r.states, r.depth, r.seconds, finished)
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: EncodingFigures, console: Console) -> None:
     """Print the table and the conclusion."""
     table = table_of("encoding", "distinct states", "depth", "seconds", "ratio")
     table.add_column("")
@@ -142,7 +142,7 @@ def show(report: Report, console: Console) -> None:
     console.print(_conclusion(report), highlight=False)
 
 
-def _row(report: Report, figure: Figure) -> list[str]:
+def _row(report: EncodingFigures, figure: Figure) -> list[str]:
     bound = "" if figure.finished else ">= "
     return [
         figure.encoding,
@@ -154,7 +154,7 @@ def _row(report: Report, figure: Figure) -> list[str]:
     ]
 
 
-def _conclusion(report: Report) -> str:
+def _conclusion(report: EncodingFigures) -> str:
     if report.shown:
         return f"Every naive encoding has at least {FACTOR} times the states."
     if report.shown is None:

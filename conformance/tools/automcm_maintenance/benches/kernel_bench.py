@@ -55,7 +55,7 @@ Call = Callable[[], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class KernelRow:
     """One kernel on ``points`` points and ``pairs`` pairs, in µs per pair.
 
     A peer that does not support the problem, or is not installed, is None.
@@ -85,10 +85,10 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class KernelFigures:
     """All figures of one run."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[KernelRow, ...]
     missing: dict[str, str]
     """Why a peer could not be imported."""
 
@@ -118,7 +118,7 @@ def run(
     points: Sequence[int] = POINTS,
     pairs: Sequence[int] = PAIRS,
     notify: Callable[[str], None] = lambda text: None,
-) -> Report:
+) -> KernelFigures:
     """Measure all figures in about ``seconds``."""
     peers: dict[str, Any] = {}
     missing: dict[str, str] = {}
@@ -128,7 +128,7 @@ def run(
         except ImportError as error:
             peers[name], missing[name] = None, str(error)
     each = seconds / (len(points) * (MEASURED + MEASURED_OF_PAIRS * (len(pairs) - 1)))
-    rows: list[Row] = []
+    rows: list[KernelRow] = []
     for n in points:
         notify(f"{n} points")
         rows += [*_kernels(n, each, peers["shapely"]), *_single(n, each, peers)]
@@ -137,7 +137,7 @@ def run(
             if count > 1 and count * n <= MOST_SAMPLES:
                 notify(f"{n} points, {count} pairs")
                 rows += _batched(n, count, each, peers)
-    return Report(tuple(rows), missing)
+    return KernelFigures(tuple(rows), missing)
 
 
 def _copy_us(arrays: Sequence[Floats], seconds: float, count: int = 1) -> float:
@@ -175,7 +175,7 @@ def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
 # -- kernels of one vehicle
 
 
-def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
+def _kernels(n: int, seconds: float, shapely: Any) -> list[KernelRow]:
     plan, speed = road(n), np.full(n, SPEED)
     times, places, speeds = plan.t.tolist(), plan.xy.tolist(), speed.tolist()
     here, hold, gain = (1.0, 1.0), 1.0, 5.0
@@ -201,11 +201,11 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
         call: Call,
         python: Call | None,
         geos: Call | None = None,
-    ) -> Row:
+    ) -> KernelRow:
         us, floor = best_us(call, seconds), _copy_us(read, seconds / 3)
         loop = best_us(python, seconds) if python else None
         peer = best_us(geos, seconds) if geos and shapely else None
-        return Row(name, n, 1, us, floor, None, loop, peer, None)
+        return KernelRow(name, n, 1, us, floor, None, loop, peer, None)
 
     return [
         row(
@@ -262,7 +262,7 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
 # -- kernels of two vehicles
 
 
-def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
+def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[KernelRow]:
     a = road(n)
     b = road(n, ahead=-20.0, aside=3.5, speed=SPEED * 1.07)
     rows_a, rows_b = ([(t, *xy) for t, xy in zip(each.t.tolist(), each.xy.tolist(), strict=True)]
@@ -276,7 +276,7 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
     at = [np.stack([np.interp(steps, e.t, e.xy[:, k]) for k in (0, 1)], axis=1) for e in (a, b)]
     circles = best_us(_circles(crcc, at[0][None], at[1][None]), seconds) if crcc else None
     points = [
-        Row(name, n, 1, best_us(call, seconds), floor, cheap, python, tree, circles)
+        KernelRow(name, n, 1, best_us(call, seconds), floor, cheap, python, tree, circles)
         for name, call in (
             ("closest_approach", lambda: closest_approach(a, b)),
             ("collision", lambda: collision(a, b, THRESHOLD)),
@@ -287,11 +287,11 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
         us = best_us(partial(clearance, a, b, first, CAR, 0.5), seconds)
         boxes = best_us(_boxes(crcc, at, (first, CAR)), seconds) if crcc else None
         areas = best_us(_areas(shapely, at, (first, CAR)), seconds) if shapely else None
-        discs.append(Row(name, n, 1, us, floor, cheap, None, areas, boxes))
+        discs.append(KernelRow(name, n, 1, us, floor, cheap, None, areas, boxes))
     return points + discs
 
 
-def _project(n: int, seconds: float, shapely: Any) -> Row:
+def _project(n: int, seconds: float, shapely: Any) -> KernelRow:
     """Places on a road's line, µs for each; the peers find the nearest point of the line."""
     line = RoadLine(road(n).xy)
     places = line.place(np.linspace(0, line.length, PLACES), 2.0)
@@ -302,10 +302,10 @@ def _project(n: int, seconds: float, shapely: Any) -> Row:
     if shapely:
         geo, points = shapely.LineString(line.xy), shapely.points(places)
         peer = best_us(lambda: shapely.line_locate_point(geo, points), seconds, PLACES)
-    return Row("project", n, PLACES, us, floor, nearest, None, peer, None)
+    return KernelRow("project", n, PLACES, us, floor, nearest, None, peer, None)
 
 
-def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
+def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[KernelRow]:
     t, a, b = traffic(n, pairs)
     some = min(pairs, 16)  # fewer for slow peers, whose cost per pair is constant
     floor = _copy_us([a, b], seconds, pairs)
@@ -325,13 +325,13 @@ def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[
     python = best_us(loop, seconds, some)
     aligned = best_us(lambda: closest_approach_pairs(t, a, b), seconds, pairs)
     dense = best_us(lambda: _dense(a, b), seconds, pairs)
-    rows = [Row("pairs", n, pairs, aligned, floor, dense, python, tree, circles)]
+    rows = [KernelRow("pairs", n, pairs, aligned, floor, dense, python, tree, circles)]
     if pairs <= 256:
         ego = Trajectory(t, a[0])
         others = [Trajectory(t + 0.01 * k, xy) for k, xy in enumerate(b)]
         cheap = best_us(lambda: [_cheapest(ego, each) for each in others[:some]], seconds, some)
         many = best_us(lambda: closest_approach_many(ego, others), seconds, pairs)
-        rows.append(Row("many", n, pairs, many, floor, cheap, python, tree, None))
+        rows.append(KernelRow("many", n, pairs, many, floor, cheap, python, tree, None))
     return rows
 
 

@@ -19,7 +19,7 @@ ROAD_KM = 1.0
 
 
 @dataclass(frozen=True)
-class Rate:
+class RadioRate:
     """Simulated seconds a second on one core, of the table and of coins."""
 
     vehicles: int
@@ -30,17 +30,17 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Report:
+class RadioFigures:
     """A rate for each number of vehicles."""
 
-    rates: list[Rate]
+    rates: list[RadioRate]
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON."""
         return asdict(self)
 
 
-def run(seconds: float, notify: Callable[[str], None]) -> Report:
+def run(seconds: float, notify: Callable[[str], None]) -> RadioFigures:
     """Measure for about this long."""
     rates = []
     for vehicles in VEHICLES:
@@ -48,8 +48,8 @@ def run(seconds: float, notify: Callable[[str], None]) -> Report:
         each = seconds / len(VEHICLES) / 2
         table, receptions = _rate(_Table(vehicles), vehicles, each)
         coins, _ = _rate(_Coins(vehicles, receptions), vehicles, each)
-        rates.append(Rate(vehicles, round(receptions), table, coins))
-    return Report(rates)
+        rates.append(RadioRate(vehicles, round(receptions), table, coins))
+    return RadioFigures(rates)
 
 
 class _Table:

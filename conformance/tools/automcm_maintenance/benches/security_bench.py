@@ -60,7 +60,7 @@ class Rate:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class SecurityFigures:
     """All figures of one run."""
 
     certificate: int
@@ -78,7 +78,7 @@ class Report:
         return asdict(self)
 
 
-def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> Report:
+def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> SecurityFigures:
     """Measure all figures in about ``seconds``."""
     own, authority = _station()
     notify("sizes")
@@ -93,7 +93,7 @@ def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> Re
     assert link.verifications is not None
     needed = {n: n * CAM_HZ / link.verifications for n in VEHICLES}
     size = len(certificates.encoded(own.certificate))
-    return Report(size, found, tuple(rates), latency, needed)
+    return SecurityFigures(size, found, tuple(rates), latency, needed)
 
 
 def _station() -> tuple[Credentials, cose.PublicKey]:

@@ -12,9 +12,9 @@ from automcm_spec.support.extras import MissingExtra
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_maintenance.benches.core_bench import Report
-    from automcm_maintenance.benches.kernel_bench import Report as KernelReport
-    from automcm_maintenance.benches.security_bench import Report as SecurityReport
+    from automcm_maintenance.benches.core_bench import StationFigures
+    from automcm_maintenance.benches.kernel_bench import KernelFigures as KernelReport
+    from automcm_maintenance.benches.security_bench import SecurityFigures as SecurityReport
 
 
 def station(
@@ -118,7 +118,7 @@ def radio(
         console_of().print(table)
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: StationFigures, console: Console) -> None:
     """Print the tables."""
     from automcm_maintenance.benches.core_bench import POINTS
 

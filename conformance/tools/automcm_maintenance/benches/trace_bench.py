@@ -20,7 +20,7 @@ EVENTS = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class LogTimes:
     """Seconds of CPU time for the same logs."""
 
     logs: int
@@ -82,7 +82,7 @@ def _logs(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def measure(number: int, notify: Callable[[str], None]) -> Measured:
+def measure(number: int, notify: Callable[[str], None]) -> LogTimes:
     """Measure.  Raises the errors of the TLC engine if it is requested and cannot be run."""
     from automcm_spec.log_format.reader import LogStream
     from automcm_traces.explain.explain import explain_file
@@ -109,7 +109,7 @@ def measure(number: int, notify: Callable[[str], None]) -> Measured:
 
         notify("reading and judging")
         json_s, read_s, explain_s = _best([parse, stream, judge])
-        return Measured(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s)
+        return LogTimes(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s)
 
 
 def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:

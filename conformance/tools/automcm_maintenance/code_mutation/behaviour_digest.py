@@ -60,7 +60,7 @@ Act = Callable[[], list[Effects]]
 REQUEST = Request(scenario="lane_change", details={})
 
 
-class Walker:
+class AnyState:
     """The reference in any state of a graph, with all its observable behaviour."""
 
     def __init__(self, oracle: Oracle, variant: Variant) -> None:

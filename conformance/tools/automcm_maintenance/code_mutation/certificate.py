@@ -29,13 +29,18 @@ from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.suite import purposes
 from automcm_conformance.suite.suite_run import Graphs
 from automcm_maintenance.code_mutation import cpp_station, equivalence, suite_kills
-from automcm_maintenance.code_mutation.equivalence import WALKS, Difference, Found, WalkError
+from automcm_maintenance.code_mutation.equivalence import (
+    WALKS,
+    Difference,
+    EquivalenceError,
+    FirstDifference,
+)
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_mutants import (
     REFERENCE,
     SPECIFICATION,
     Generated,
-    Mutant,
+    SourceMutant,
 )
 from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle_generation import spec_hash
@@ -53,7 +58,7 @@ UNTIL_S = 1_800.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class CertificateRun:
     """The settings of a run.  A mutant's run stops after ``cases`` failed cases (0 = never).
     ``selectors`` select a part of the suite (all without any), ``quick`` that of ``conform run
     --quick``."""
@@ -68,7 +73,7 @@ class Asked:
 
 
 @dataclass
-class Row:
+class MutantRow:
     """The result for a mutant: the ``cases`` that kill it, the ``difference`` of a survivor from
     the reference, or another explanation ``why``."""
 
@@ -95,7 +100,7 @@ class Row:
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
 
     @classmethod
-    def of(cls, row: dict[str, Any]) -> Row:
+    def of(cls, row: dict[str, Any]) -> MutantRow:
         """The row of ``as_dict``."""
         given = {"class_" if k == "class" else k: v for k, v in row.items()}
         found = given.pop("difference")
@@ -103,19 +108,19 @@ class Row:
 
 
 @dataclass
-class Certificate:
+class KillCertificate:
     """A run.  ``chosen`` of the mutants ``made`` were selected."""
 
-    asked: Asked
+    asked: CertificateRun
     spec_hash: str
     made: Generated
     chosen: int
-    rows: list[Row] = field(default_factory=list)
+    rows: list[MutantRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     """Problems of the run itself."""
 
-    def counts(self, rows: Sequence[Row] | None = None) -> Counter[str]:
+    def counts(self, rows: Sequence[MutantRow] | None = None) -> Counter[str]:
         """The number of mutants with each verdict."""
         return Counter(row.verdict for row in (self.rows if rows is None else rows))
 
@@ -159,9 +164,9 @@ class _Job:
     """A mutant of the reference, for a worker, and what the comparisons so far have ``found``: a
     difference, none, or an ``error`` that ended one."""
 
-    mutant: Mutant
-    asked: Asked
-    found: Found | None = None
+    mutant: SourceMutant
+    asked: CertificateRun
+    found: FirstDifference | None = None
     error: str = ""
 
     @property
@@ -193,11 +198,11 @@ def _compared(job: _Job, source: Path, walks: Sequence[tuple[str, int]]) -> _Job
     try:
         found = equivalence.first_difference(job.mutant, source, job.asked.folder, walks)
         return replace(job, found=found)
-    except (WalkError, OSError) as error:
+    except (EquivalenceError, OSError) as error:
         return replace(job, error=str(error))
 
 
-def _write(mutant: Mutant, folder: Path) -> Path:
+def _write(mutant: SourceMutant, folder: Path) -> Path:
     """The file of a mutant's source."""
     source = folder / f"{mutant.module}.py"
     source.write_text(mutant.source, encoding="utf-8")
@@ -210,11 +215,11 @@ def _look(job: _Job) -> _Job:
         return _compared(job, _write(job.mutant, folder), SMALL)
 
 
-def _work(job: _Job) -> Row:
+def _work(job: _Job) -> MutantRow:
     """Hold the suite against a mutant, first with the cases that should find its difference.  What
     it does not kill, and does not differ so far, is compared on the other graphs."""
     m, asked = job.mutant, job.asked
-    row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
+    row = MutantRow(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
     with scratch.folder("certify") as folder:
         source = _write(m, folder)
         if job.same:
@@ -226,12 +231,12 @@ def _work(job: _Job) -> Row:
             _set_verdict(row, killed(command, asked, folder, sorted(hint)))
             if row.verdict == "survived":
                 _explain(row, job, source)
-        except (WalkError, OSError) as error:
+        except (EquivalenceError, OSError) as error:
             row.verdict, row.why = "undecided", str(error)
     return row
 
 
-def _explain(row: Row, job: _Job, source: Path) -> None:
+def _explain(row: MutantRow, job: _Job, source: Path) -> None:
     """The verdict of a mutant that the suite does not kill.  Raises WalkError."""
     if job.same:
         others = [walk for walk in job.asked.walks if walk not in SMALL + MIDDLE]
@@ -245,7 +250,7 @@ def _explain(row: Row, job: _Job, source: Path) -> None:
         row.difference = equivalence.shown(job.mutant, source, job.found)
 
 
-def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None, str]:
+def _work_cpp(job: tuple[cpp_station.CppMutant, CertificateRun]) -> tuple[str, Kills | None, str]:
     """Hold the suite against a mutant of the C++ station: its name, what kills it (None: it could
     not be built), and an error."""
     mutant, asked = job
@@ -257,7 +262,9 @@ def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None,
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
 
-def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
+def killed(
+    command: Sequence[str], asked: CertificateRun, folder: Path, first: Sequence[str] = ()
+) -> Kills:
     """Hold the suite against one station: first the cases that ``first`` selects; if none of these
     fails, the quick part of all cases, and then the whole suite.  Only the quick part, if asked.
     """
@@ -288,7 +295,9 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
 # -- the run
 
 
-def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
+def run(
+    mutants: Sequence[SourceMutant], asked: CertificateRun, notify: Notify
+) -> tuple[list[MutantRow], list[str]]:
     """Judge these mutants of the reference: the rows, in their order, and the problems.
 
     Interrupted, it returns what is decided.  Raises WalkError, OSError, OracleError.
@@ -297,7 +306,7 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     for unfinished in asked.folder.glob(".*.new"):  # of a run that was killed
         unfinished.unlink()
     kept = _Kept(asked)
-    rows: dict[str, Row] = {}
+    rows: dict[str, MutantRow] = {}
     problems: list[str] = []
     for mutant in mutants:
         row = kept.row(mutant.id, mutant.source)
@@ -314,11 +323,11 @@ def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[R
     return [row for row in found if row.decided or not problems], problems
 
 
-def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
+def run_cpp(asked: CertificateRun, notify: Notify) -> tuple[list[MutantRow], list[str]]:
     """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
     files.folder(asked.folder, named=True)
     kept, mutants = _Kept(asked), cpp_station.mutants()
-    rows: dict[str, Row] = {}
+    rows: dict[str, MutantRow] = {}
     left = []
     problems: list[str] = []
     texts = (path for path in sorted(cpp_station.SOURCE.iterdir()) if path.is_file())
@@ -327,7 +336,7 @@ def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
     for m in mutants:
         line = header[: header.index(m.edits[0][0])].count("\n") + 1
         file = "conformance/implementations/cpp/station.hpp"
-        row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
+        row = MutantRow(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
         known = kept.row(row.id, f"{sources}{m.edits}")
         rows[row.id] = known if known is not None and known.decided else row
         left += [(m, asked)] if rows[row.id] is row else []
@@ -347,7 +356,7 @@ def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
 
 
 @contextmanager
-def _processes(asked: Asked) -> Iterator[Pool]:
+def _processes(asked: CertificateRun) -> Iterator[Pool]:
     pool = multiprocessing.get_context("spawn").Pool(asked.jobs, _Worker.start)
     try:
         yield pool
@@ -357,10 +366,10 @@ def _processes(asked: Asked) -> Iterator[Pool]:
 
 
 def _judge(
-    mutants: Sequence[Mutant],
-    asked: Asked,
+    mutants: Sequence[SourceMutant],
+    asked: CertificateRun,
     pool: Pool,
-    rows: dict[str, Row],
+    rows: dict[str, MutantRow],
     kept: _Kept,
     notify: Notify,
 ) -> None:
@@ -390,7 +399,7 @@ def _judge(
         kept.keep(sources[row.id], row, rows)
 
 
-def _set_verdict(row: Row, kills: Kills) -> None:
+def _set_verdict(row: MutantRow, kills: Kills) -> None:
     """Set the verdict of a mutant from the suite's result."""
     row.cases, row.why = kills.cases, kills.what
     if kills.unstarted == NO_IMPORT:
@@ -404,7 +413,7 @@ def _set_verdict(row: Row, kills: Kills) -> None:
 class _Kept:
     """Earlier results with the same suite."""
 
-    def __init__(self, asked: Asked) -> None:
+    def __init__(self, asked: CertificateRun) -> None:
         self.path = asked.folder / "decided.jsonl"
         self.suite = suite_hash(asked)
         self.known: dict[str, Any] = {}
@@ -420,27 +429,27 @@ class _Kept:
     def _key(self, id_: str, source: str) -> str:
         return hashlib.sha256(f"{self.suite}{id_}{source}".encode()).hexdigest()
 
-    def row(self, id_: str, source: str) -> Row | None:
+    def row(self, id_: str, source: str) -> MutantRow | None:
         """The earlier result of a mutant."""
         entry = self.known.get(self._key(id_, source))
         if entry is None:
             return None
         difference = entry.pop("difference")
-        row = Row(class_=entry.pop("class"), **entry)
+        row = MutantRow(class_=entry.pop("class"), **entry)
         row.difference = None if difference is None else Difference(**difference)
         return row
 
-    def keep(self, source: str, row: Row, rows: dict[str, Row]) -> None:
+    def keep(self, source: str, row: MutantRow, rows: dict[str, MutantRow]) -> None:
         rows[row.id] = row
         with self.path.open("a", encoding="utf-8") as out:
             key = self._key(row.id, source)
             out.write(json.dumps({"key": key, "row": row.as_dict()}) + "\n")
 
 
-def suite_hash(asked: Asked) -> str:
+def suite_hash(asked: CertificateRun) -> str:
     """A hash of all that a verdict depends on, except the mutant."""
     of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors} {asked.walks}"
-    of += f" {[part.name for part in fields(Row)]}"
+    of += f" {[part.name for part in fields(MutantRow)]}"
     found = hashlib.sha256((of + " quick" * asked.quick).encode())
     folders = (Path(automcm_conformance.__path__[0]), REFERENCE, SPECIFICATION, SUITE)
     for folder in folders:

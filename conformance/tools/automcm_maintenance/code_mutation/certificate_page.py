@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from automcm_maintenance.code_mutation.certificate import Certificate, Row, Verdict
+from automcm_maintenance.code_mutation.certificate import KillCertificate, MutantRow, Verdict
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.support import files
 from automcm_spec.support import markdown as markdown_
@@ -27,7 +27,7 @@ LONGEST = 110
 """Maximum characters of a change in the table; the JSON report contains the complete text."""
 
 
-def summary(found: Certificate) -> str:
+def summary(found: KillCertificate) -> str:
     """The text for the screen: counts, and the mutants that were not killed."""
     lines = [_counted("all", found.rows)]
     lines = [_counted(name, rows) for name, rows in _by_class(found.rows)] + lines
@@ -43,7 +43,7 @@ def summary(found: Certificate) -> str:
     return "\n".join(lines)
 
 
-def survivor(row: Row) -> list[str]:
+def survivor(row: MutantRow) -> list[str]:
     """The data for a new case that kills this mutant."""
     lines = [f"{row.verdict} {row.id} ({row.file}:{row.line}, {row.rule})"]
     lines.append(f"  {row.old}  =>  {row.new}")
@@ -57,18 +57,18 @@ def survivor(row: Row) -> list[str]:
     return lines
 
 
-def _counted(name: str, rows: Sequence[Row]) -> str:
+def _counted(name: str, rows: Sequence[MutantRow]) -> str:
     counts = Counter(row.verdict for row in rows)
     counted = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
     return f"{name:>8} {len(rows):>4}: {counted}"
 
 
-def _by_class(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+def _by_class(rows: Sequence[MutantRow]) -> list[tuple[str, list[MutantRow]]]:
     of = {name: [row for row in rows if row.class_ == name] for name in MEANING}
     return [(name, found) for name, found in of.items() if found]
 
 
-def write(found: Certificate) -> None:
+def write(found: KillCertificate) -> None:
     """Write the results that the page is built from, if the certificate is complete."""
     if found.complete:
         text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False)
@@ -76,8 +76,8 @@ def write(found: Certificate) -> None:
 
 
 def markdown(found: dict[str, Any]) -> str:
-    """The page of ``Certificate.as_dict()``."""
-    made = [Row.of(row) for row in found["mutants"]]
+    """The page of ``KillCertificate.as_dict()``."""
+    made = [MutantRow.of(row) for row in found["mutants"]]
     classes = _by_class(made)
     counts = [_counts(name, of, MEANING[name]) for name, of in classes]
     groups = sorted({case.split("/")[2] for row in made for case in row.cases})
@@ -104,17 +104,17 @@ def markdown(found: dict[str, Any]) -> str:
     )
 
 
-def _counts(name: str, of: Sequence[Row], what: str) -> list[object]:
+def _counts(name: str, of: Sequence[MutantRow], what: str) -> list[object]:
     counts = Counter(row.verdict for row in of)
     return [name, len(of), *(counts[v] for v in VERDICTS), what]
 
 
-def _change(row: Row) -> str:
+def _change(row: MutantRow) -> str:
     text = f"{row.old}  =>  {row.new}" if row.new else row.old
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
-def _killers(row: Row) -> str:
+def _killers(row: MutantRow) -> str:
     if row.verdict != "killed":
         return f"*{row.verdict}*"
     return ", ".join(case.removeprefix("AMCM/") for case in row.cases) or "does not start"

@@ -11,7 +11,7 @@ from automcm_cli.shared.adapter_options import purposes_of
 from automcm_cli.shared.common import Json, code_3, progress, write_json
 
 if TYPE_CHECKING:
-    from automcm_maintenance.code_mutation.source_mutants import Generated, Mutant
+    from automcm_maintenance.code_mutation.source_mutants import Generated, SourceMutant
 
 STATIONS = ("reference", "cpp", "all")
 EPILOG = (
@@ -64,8 +64,8 @@ def certify(
     the folder; an interrupted run continues.
     """
     from automcm_maintenance.code_mutation import certificate, certificate_page, cpp_station
-    from automcm_maintenance.code_mutation.certificate import Asked
-    from automcm_maintenance.code_mutation.equivalence import WalkError
+    from automcm_maintenance.code_mutation.certificate import CertificateRun
+    from automcm_maintenance.code_mutation.equivalence import EquivalenceError
     from automcm_spec.graph.oracle import OracleError
     from automcm_spec.graph.oracle_generation import spec_hash
 
@@ -76,8 +76,8 @@ def certify(
             "--page requires a complete certificate: omit --mutant, --class, --suite and --quick"
         )
     purposes_of(suite or [])
-    asked = Asked(out, seed, cases, tuple(suite or ()), jobs, quick)
-    with code_3("certify", OracleError, WalkError, OSError, SyntaxError, ValueError):
+    asked = CertificateRun(out, seed, cases, tuple(suite or ()), jobs, quick)
+    with code_3("certify", OracleError, EquivalenceError, OSError, SyntaxError, ValueError):
         made, chosen = _chosen(station, mutant, class_, mutants, seed)
         if list_:
             for each in chosen:
@@ -85,7 +85,7 @@ def certify(
                 typer.echo(f"    {each.old}  =>  {each.new}")
             raise typer.Exit(0)
         count, notes = len(chosen), []
-        rows: list[certificate.Row] = []
+        rows: list[certificate.MutantRow] = []
         problems: list[str] = []
         with progress() as notify:
             if chosen:
@@ -98,7 +98,7 @@ def certify(
                 else:
                     others, problems = certificate.run_cpp(asked, notify)
                     rows, count = rows + others, count + len(others)
-    found = certificate.Certificate(asked, spec_hash(), made, count, rows, notes, problems)
+    found = certificate.KillCertificate(asked, spec_hash(), made, count, rows, notes, problems)
     write_json(json_, found.as_dict())
     if page:
         certificate_page.write(found)
@@ -113,7 +113,7 @@ def _chosen(
     classes: list[str] | None,
     count: int | None,
     seed: int,
-) -> tuple[Generated, list[Mutant]]:
+) -> tuple[Generated, list[SourceMutant]]:
     """All mutants of the reference, and those selected."""
     from automcm_maintenance.code_mutation import source_mutants
     from automcm_maintenance.code_mutation.source_edits import CLASSES

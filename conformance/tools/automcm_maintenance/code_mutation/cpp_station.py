@@ -19,7 +19,7 @@ INCLUDE = b"#include <nlohmann/json.hpp>\nint main() {}\n"
 
 
 @dataclass(frozen=True)
-class Mutant:
+class CppMutant:
     """A mutant of station.hpp: ``edits`` are texts with their replacements."""
 
     name: str
@@ -28,13 +28,13 @@ class Mutant:
     edits: tuple[tuple[str, str], ...]
 
 
-def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
+def mutants(path: Path = SOURCE / "mutants.toml") -> list[CppMutant]:
     """The mutants of a file.  Raises ValueError, which names the mutant and the field."""
     station = (path.parent / "station.hpp").read_text()
     found = []
     for row in tomllib.loads(path.read_text())["mutant"]:
         edits = tuple((edit["old"], edit["new"]) for edit in row.get("edit", [row]))
-        mutant = Mutant(row["name"], row["story"], tuple(row["rules"]), edits)
+        mutant = CppMutant(row["name"], row["story"], tuple(row["rules"]), edits)
         for old, new in edits:
             if station.count(old) != 1:
                 raise ValueError(
@@ -72,7 +72,7 @@ def build(folder: Path, *more: str) -> Path:
     return folder / "station"
 
 
-def build_mutant(mutant: Mutant, folder: Path) -> Path:
+def build_mutant(mutant: CppMutant, folder: Path) -> Path:
     """Compile a copy of the folder with the mutant.  Raises CalledProcessError."""
     copy = folder / mutant.name
     shutil.copytree(SOURCE, copy)

@@ -20,7 +20,12 @@ from typing import Any
 
 from automcm_conformance.suite.purposes import Owners
 from automcm_maintenance.code_mutation.mutated_process import GRAMMAR, full_name
-from automcm_maintenance.code_mutation.source_mutants import MODULES, REFERENCE, Mutant, path_of
+from automcm_maintenance.code_mutation.source_mutants import (
+    MODULES,
+    REFERENCE,
+    SourceMutant,
+    path_of,
+)
 from automcm_spec.graph import oracle
 from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
 from automcm_spec.support import children
@@ -56,7 +61,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Found:
+class FirstDifference:
     """The first state of a graph with a difference, by number, and the kinds of input that differ
     there."""
 
@@ -65,7 +70,7 @@ class Found:
     kinds: list[str]
 
 
-class WalkError(Exception):
+class EquivalenceError(Exception):
     """A walk that did not finish; the text is the last line of its standard error."""
 
 
@@ -81,8 +86,8 @@ def digests(folder: Path, walk: tuple[str, int]) -> Path:
 
 
 def first_difference(
-    mutant: Mutant, source: Path, folder: Path, walks: Iterable[tuple[str, int]]
-) -> Found | None:
+    mutant: SourceMutant, source: Path, folder: Path, walks: Iterable[tuple[str, int]]
+) -> FirstDifference | None:
     """Where a mutant first behaves differently on these graphs, or None.
 
     ``source`` is the file of the mutated module, ``folder`` holds the digests.  Raises WalkError.
@@ -95,11 +100,11 @@ def first_difference(
         task = ("compare", graph, str(variant), str(digests(folder, walk)), *kinds)
         found = _child(mutant.module, str(source), *task).strip()
         if found:
-            return Found(walk, *json.loads(found))
+            return FirstDifference(walk, *json.loads(found))
     return None
 
 
-def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]]) -> bool:
+def hidden(mutant: SourceMutant, source: Path, walks: Iterable[tuple[str, int]]) -> bool:
     """Whether a mutant with another state has equal outputs on these graphs (lockstep.py).
 
     Raises WalkError.
@@ -115,7 +120,7 @@ def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]]) -> bo
     )
 
 
-def hint(found: Found, owners: Owners) -> set[str]:
+def hint(found: FirstDifference, owners: Owners) -> set[str]:
     """The cases with such inputs at such a state, which should find the difference."""
     if found.walk[0] not in GRAPHS:
         return set()
@@ -130,7 +135,7 @@ def hint(found: Found, owners: Owners) -> set[str]:
     return cases
 
 
-def shown(mutant: Mutant, source: Path, found: Found) -> Difference:
+def shown(mutant: SourceMutant, source: Path, found: FirstDifference) -> Difference:
     """The difference there.  Raises WalkError."""
     graph, variant = found.walk
     show = ("show", graph, str(variant), str(found.state))
@@ -139,7 +144,9 @@ def shown(mutant: Mutant, source: Path, found: Found) -> Difference:
     for given, answer in right["answers"]:
         if wrong.get(given, "") != answer:
             return Difference(graph, right["state"], given, answer, wrong.get(given, ""))
-    raise WalkError(f"{mutant.id}: {graph} {found.state}: the difference is not reproducible")
+    raise EquivalenceError(
+        f"{mutant.id}: {graph} {found.state}: the difference is not reproducible"
+    )
 
 
 @cache
@@ -161,16 +168,16 @@ def _child(*arguments: str) -> str:
             timeout=SECONDS,
         )
     except subprocess.TimeoutExpired as error:
-        raise WalkError(f"no end after {SECONDS} s") from error
+        raise EquivalenceError(f"no end after {SECONDS} s") from error
     if done.returncode:
-        raise WalkError(f"exit code {done.returncode}: {done.stderr.strip()[-500:]}")
+        raise EquivalenceError(f"exit code {done.returncode}: {done.stderr.strip()[-500:]}")
     return done.stdout
 
 
 # -- the functions that each kind of input can call
 
 
-def kinds_of(mutant: Mutant) -> set[str]:
+def kinds_of(mutant: SourceMutant) -> set[str]:
     """The kinds of input that can run the changed code; empty: any kind."""
     place = mutant.id.split("/")[1]
     always, by_kind = _reach()

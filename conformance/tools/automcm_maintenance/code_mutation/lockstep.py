@@ -67,7 +67,7 @@ def unchanged() -> Any:
 
 
 def distinguished(
-    wrong: behaviour_digest.Walker, right: Any, kinds: Set[str] | None = None
+    wrong: behaviour_digest.AnyState, right: Any, kinds: Set[str] | None = None
 ) -> list[object] | None:
     """The first difference of outputs: the state, the mutant's changes of it, the input, and both
     outcomes.  None without a difference.

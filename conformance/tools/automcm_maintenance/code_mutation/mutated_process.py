@@ -115,11 +115,11 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
     walked: behaviour_digest.Walked = accepted_forms.Forms()
     if graph != "forms":
         oracle, chosen = load(GRAPHS[graph].path), behaviour_digest.VARIANTS[int(variant)]
-        walked = behaviour_digest.Walker(oracle, chosen)
+        walked = behaviour_digest.AnyState(oracle, chosen)
     if task == "lockstep":
-        assert isinstance(walked, behaviour_digest.Walker)
+        assert isinstance(walked, behaviour_digest.AnyState)
         right = lockstep.unchanged()
-        other = right.Walker(walked.oracle, right.VARIANTS[int(variant)])
+        other = right.AnyState(walked.oracle, right.VARIANTS[int(variant)])
         print(json.dumps(lockstep.distinguished(walked, other, set(kinds) or None)))
     elif task == "write":
         behaviour_digest.write(walked, Path(about))

@@ -75,7 +75,7 @@ _TWINS: tuple[tuple[str, ...], ...] = (
 
 
 @dataclass(frozen=True)
-class Edit:
+class TextEdit:
     """The text of ``node`` replaced by ``new``."""
 
     class_: Class
@@ -119,10 +119,10 @@ def _without_item(items: Sequence[T], k: int) -> list[T]:
     return [*items[:k], *items[k + 1 :]]
 
 
-def edits(node: ast.AST, place: Place) -> Iterator[Edit]:
+def edits(node: ast.AST, place: Place) -> Iterator[TextEdit]:
     """The edits of this node."""
     for class_, new in _faults(node, place):
-        yield Edit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
+        yield TextEdit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
 
 
 def _indented(node: ast.stmt) -> str:

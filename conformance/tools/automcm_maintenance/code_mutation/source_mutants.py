@@ -21,8 +21,8 @@ from automcm_maintenance.code_mutation.source_edits import (
     CLASSES,
     UNTOUCHED,
     Class,
-    Edit,
     Place,
+    TextEdit,
     edits,
     inner,
 )
@@ -53,7 +53,7 @@ _RULE = re.compile(r"\b[A-Z]{3}-\d\b")
 
 
 @dataclass(frozen=True)
-class Mutant:
+class SourceMutant:
     """One mutant.  ``source`` is the complete mutated module; ``line`` counts from 1."""
 
     id: str
@@ -82,7 +82,7 @@ class Mutant:
 class Generated:
     """All mutants, and the number of changes that do not compile."""
 
-    mutants: list[Mutant]
+    mutants: list[SourceMutant]
     broken: int = 0
 
 
@@ -101,14 +101,14 @@ def generate(modules: Sequence[str] = MODULES) -> Generated:
     return found
 
 
-def of_file(path: Path) -> list[Mutant]:
+def of_file(path: Path) -> list[SourceMutant]:
     """All mutants of any module.  Raises OSError, SyntaxError."""
     found = Generated([])
     _mutants(path.stem, path, found)
     return found.mutants
 
 
-def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
+def sample(mutants: Sequence[SourceMutant], count: int, seed: int) -> list[SourceMutant]:
     """A sample of ``count`` mutants in their order (0 = all).
 
     It takes in turn one of each class, and within a class one of each function, those with the
@@ -116,10 +116,10 @@ def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
     """
     if count == 0:
         return list(mutants)
-    places: dict[tuple[str, str], list[Mutant]] = defaultdict(list)
+    places: dict[tuple[str, str], list[SourceMutant]] = defaultdict(list)
     for mutant in sorted(mutants, key=lambda mutant: hash_of(f"{seed} {mutant.id}")):
         places[mutant.class_, mutant.id.rsplit("/", 1)[0]].append(mutant)
-    by_class: dict[str, list[Mutant]] = {}
+    by_class: dict[str, list[SourceMutant]] = {}
     for class_ in CLASSES:
         groups = [group for (of, _), group in places.items() if of == class_]
         by_class[class_] = list(_in_turn(groups))
@@ -127,7 +127,7 @@ def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
     return [mutant for mutant in mutants if mutant.id in chosen]
 
 
-def _in_turn(groups: Sequence[Sequence[Mutant]]) -> Iterator[Mutant]:
+def _in_turn(groups: Sequence[Sequence[SourceMutant]]) -> Iterator[SourceMutant]:
     for k in range(max(map(len, groups), default=0)):
         for group in groups:
             if k < len(group):
@@ -162,7 +162,7 @@ def _mutants(module: str, path: Path, found: Generated) -> None:
         numbers[place, edit.class_] += 1
         line: int = edit.node.lineno  # type: ignore[attr-defined]
         found.mutants.append(
-            Mutant(
+            SourceMutant(
                 f"{module}/{place}/{edit.class_}-{numbers[place, edit.class_]}",
                 edit.class_,
                 "/".join(path.parts[-3:]),
@@ -174,7 +174,7 @@ def _mutants(module: str, path: Path, found: Generated) -> None:
         )
 
 
-def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, Edit, ast.stmt]]:
+def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, TextEdit, ast.stmt]]:
     """The name of the function or table, the edit, and its top-level statement."""
     for statement in tree.body:
         targets: list[ast.expr] = []
@@ -232,7 +232,7 @@ def _rule(source: str, statement: ast.stmt, line: int) -> str:
     return ""
 
 
-def _shown(old: str, edit: Edit) -> tuple[str, str]:
+def _shown(old: str, edit: TextEdit) -> tuple[str, str]:
     """The old and the new text on one line each; of a long text only the changed part."""
     old = old if isinstance(edit.node, ast.Pass) else ast.unparse(edit.node)
     one, other = " ".join(old.split()), " ".join(edit.new.split())

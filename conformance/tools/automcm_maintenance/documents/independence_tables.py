@@ -25,7 +25,7 @@ def interface() -> str:
             continue
         replaced = models.replaced_in(model.config)
         module = independence.load(xml=xml, substitutions=replaced)
-        station = independence.Limits.of(model.config).station(module)
+        station = independence.OpenLimits.of(model.config).station(module)
         found = independence.first_violation(station, model.property)
         if found is None:
             raise ValueError(f"{model.cfg}: every session answers as if it were alone")
@@ -79,7 +79,7 @@ def _answer(r: Any) -> str:
 def uses() -> str:
     """What the operators of Station.tla do with ids and session numbers.
 
-    Raises the exceptions of ``sany.export``; sany.Refused if one does something else.
+    Raises the exceptions of ``sany.export``; sany.NotCompiled if one does something else.
     """
     found = data_independence.uses(sany.export(data_independence.MODULE))
     rows = ["| | " + " | ".join(data_independence.USES) + " |", "|---" * 5 + "|"]

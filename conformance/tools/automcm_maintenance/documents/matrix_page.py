@@ -41,7 +41,7 @@ class Head(_Row):
     states: int
 
 
-class Entry(_Row):
+class MatrixEntry(_Row):
     """A mutant: the first model that violates each property, and the models not finished, with
     the reason (ENDS of ``matrix``)."""
 
@@ -61,18 +61,18 @@ class Entry(_Row):
         return [id_ for id_ in self.kills if id_ != ORACLE]
 
 
-def text(head: Head, entries: Sequence[Entry]) -> str:
+def text(head: Head, entries: Sequence[MatrixEntry]) -> str:
     """The committed file."""
     lines = [json.dumps(row.model_dump(), ensure_ascii=False) for row in (head, *entries)]
     return "\n".join([*lines, ""])
 
 
-def load(path: Path = MATRIX) -> tuple[Head, list[Entry]]:
+def load(path: Path = MATRIX) -> tuple[Head, list[MatrixEntry]]:
     """The committed file.  Raises MatrixFileError for an invalid line, OSError without the file."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    rows: list[Head | Entry] = []
+    rows: list[Head | MatrixEntry] = []
     for number, line in enumerate(lines, start=1):
-        kind = Head if number == 1 else Entry
+        kind = Head if number == 1 else MatrixEntry
         try:
             rows.append(kind.model_validate_json(line))
         except ValidationError as error:
@@ -81,7 +81,7 @@ def load(path: Path = MATRIX) -> tuple[Head, list[Entry]]:
             raise MatrixFileError(f"{path.name}:{number}: {where}: {fault['msg']}") from error
     if not rows or not isinstance(rows[0], Head):
         raise MatrixFileError(f"{path.name} is empty")
-    return rows[0], [row for row in rows[1:] if isinstance(row, Entry)]
+    return rows[0], [row for row in rows[1:] if isinstance(row, MatrixEntry)]
 
 
 def reasons(path: Path = REASONS) -> dict[str, str]:
@@ -109,7 +109,7 @@ def reasons(path: Path = REASONS) -> dict[str, str]:
     return found
 
 
-def problems(entries: Sequence[Entry], known: Mapping[str, str]) -> list[str]:
+def problems(entries: Sequence[MatrixEntry], known: Mapping[str, str]) -> list[str]:
     """Mutants that no property kills and that have no reason, and reasons without such a mutant."""
     alive = {entry.id: entry for entry in entries if not entry.properties}
     by_id = {entry.id for entry in entries}
@@ -127,7 +127,7 @@ def problems(entries: Sequence[Entry], known: Mapping[str, str]) -> list[str]:
     return missing + obsolete
 
 
-def section(head: Head, entries: Sequence[Entry], known: Mapping[str, str]) -> str:
+def section(head: Head, entries: Sequence[MatrixEntry], known: Mapping[str, str]) -> str:
     """The tables and the list of mutants that no property kills."""
     order = [*PROPERTIES, ORACLE]
     found = {id_ for entry in entries for id_ in entry.kills}
@@ -160,7 +160,7 @@ def section(head: Head, entries: Sequence[Entry], known: Mapping[str, str]) -> s
         f"`spec/mutation/{REASONS.name}`, with reasons.",
         "",
     ]
-    by_reason: dict[str, list[Entry]] = {}
+    by_reason: dict[str, list[MatrixEntry]] = {}
     for entry in alive:
         by_reason.setdefault(known.get(entry.id, "No reason yet."), []).append(entry)
     for reason, of in by_reason.items():
@@ -170,7 +170,7 @@ def section(head: Head, entries: Sequence[Entry], known: Mapping[str, str]) -> s
     return "\n".join(lines).rstrip()
 
 
-def _counts(entries: Sequence[Entry], columns: Sequence[str]) -> list[object]:
+def _counts(entries: Sequence[MatrixEntry], columns: Sequence[str]) -> list[object]:
     killed = Counter(id_ for entry in entries for id_ in entry.kills)
     errors = sum(ERROR in entry.unfinished.values() for entry in entries)
     none = sum(not entry.properties for entry in entries)
@@ -186,7 +186,7 @@ def _changed(head: Head) -> str:
     return f" ({', '.join(each)})" if each else ""
 
 
-def _unfinished(head: Head, entries: Sequence[Entry]) -> str:
+def _unfinished(head: Head, entries: Sequence[MatrixEntry]) -> str:
     """How many cells are undecided."""
     ends = Counter(end for entry in entries for end in entry.unfinished.values())
     left = (

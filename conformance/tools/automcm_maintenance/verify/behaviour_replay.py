@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from automcm_maintenance.verify.graph_comparison import Adapter
+from automcm_maintenance.verify.graph_comparison import Walkable
 from automcm_spec.model_checking.tlc_simulation import Behaviour
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
@@ -24,9 +24,9 @@ def seen_by(station: int) -> renumbering.Rename:
     return to
 
 
-def replay(behaviour: Behaviour, adapter: Callable[[], Adapter]) -> str | None:
+def replay(behaviour: Behaviour, adapter: Callable[[], Walkable]) -> str | None:
     """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
-    stations: dict[int, tuple[Adapter, Any]] = {}
+    stations: dict[int, tuple[Walkable, Any]] = {}
     for n, (who, value, after) in enumerate(behaviour, 1):
         if who not in stations:
             fresh = adapter()

@@ -1,6 +1,6 @@
 """Compares an implementation with an oracle: every state, every input, every refusal.
 
-The implementation is reached through an ``Adapter``.  The walk follows shortest paths, so the
+The implementation is reached through a ``Walkable``.  The walk follows shortest paths, so the
 implementation really reaches each state, and the first difference has a shortest path.
 """
 
@@ -20,7 +20,7 @@ LIMIT = 20
 """At most this many differences of each rule are kept; all are counted."""
 
 
-class Adapter(Protocol):
+class Walkable(Protocol):
     """The interface that the walk needs of an implementation."""
 
     def reset(self) -> None:
@@ -74,7 +74,7 @@ class Divergence:
 
 
 @dataclass(slots=True)
-class Comparison:
+class WalkResult:
     """The results of the walk so far."""
 
     states: int = 0
@@ -103,7 +103,7 @@ def expected_of(oracle: Oracle, answer: OracleAnswer) -> dict[str, Any]:
     }
 
 
-def _apply(adapter: Adapter, value: Input) -> dict[str, Any]:
+def _apply(adapter: Walkable, value: Input) -> dict[str, Any]:
     """The implementation's answer; an exception counts as a wrong answer."""
     try:
         messages, indications, arm, stop = adapter.apply(value)
@@ -125,18 +125,18 @@ def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
 
 def walk(
     oracle: Oracle,
-    adapter: Adapter,
+    adapter: Walkable,
     *,
     transitions_only: bool = False,
     stop_at_first: bool = False,
     on_state: Callable[[int], None] | None = None,
-) -> Comparison:
+) -> WalkResult:
     """Compare every state and every possible input (or only those that change the state).
 
     An exception of the implementation is a difference.  If it cannot enter a state, no input is
     compared there.
     """
-    result = Comparison()
+    result = WalkResult()
 
     def differ(
         state: int, value: Input | None, rule: str, exp: dict[str, Any], act: dict[str, Any]
@@ -205,7 +205,7 @@ class Coverage:
     by_test: dict[str, str] = field(default_factory=lambda: dict(NO_GRAPH))
 
 
-Ablated = Callable[[str], Adapter]
+Ablated = Callable[[str], Walkable]
 """An implementation without one rule."""
 
 

@@ -58,7 +58,7 @@ class NotLoaded(Exception):
 
 
 @dataclass
-class Report:
+class VerifyReport:
     """The results of ``automcm verify``.  ``errors`` are failures of tools and inputs."""
 
     profile: str
@@ -70,7 +70,7 @@ class Report:
     left: list[str] = field(default_factory=list)
     """The models that the quick profile leaves to *full*."""
     oracle: dict[str, Any] = field(default_factory=dict)
-    compared: dict[str, graph_comparison.Comparison] = field(default_factory=dict)
+    compared: dict[str, graph_comparison.WalkResult] = field(default_factory=dict)
     compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
     """The comparison of the compiled station with TLC's graphs; not with ``rule``."""
     coverage: graph_comparison.Coverage | None = None
@@ -202,20 +202,20 @@ class Report:
         }
 
 
-def reference(constants: dict[str, Any]) -> graph_comparison.Adapter:
+def reference(constants: dict[str, Any]) -> graph_comparison.Walkable:
     """The reference behind its in-process adapter."""
     from automcm_maintenance.verify.spec_mapping import Reference
 
     return Reference(constants)
 
 
-def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Adapter:
+def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Walkable:
     from automcm_maintenance.verify.spec_mapping import Reference, without
 
     return Reference(constants, without(rule))
 
 
-def _walk(data: bytes) -> graph_comparison.Comparison:
+def _walk(data: bytes) -> graph_comparison.WalkResult:
     graph = oracle.parse(data, "oracle")
     return graph_comparison.walk(graph, reference(graph.constants))
 
@@ -251,7 +251,7 @@ def run(
     models_too: bool = True,
     rule: str | None = None,
     fresh: bool = False,
-) -> Report:
+) -> VerifyReport:
     """Check the models, write the oracle, compare, and find stale files.
 
     With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results; the larger
@@ -263,7 +263,7 @@ def run(
     """
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
-    report = Report(profile, models_too, rule, fresh=fresh or profile != "quick")
+    report = VerifyReport(profile, models_too, rule, fresh=fresh or profile != "quick")
     report.earlier = _history().get(report.loop, {})
     started = time.monotonic()
     if rule is not None:
@@ -277,7 +277,7 @@ def run(
     return report
 
 
-def _stages(report: Report, notify: Callable[[str], None]) -> None:
+def _stages(report: VerifyReport, notify: Callable[[str], None]) -> None:
     """Check the models beside the other stages, each of which uses one core or two."""
     stop = tlc.TlcStop()
     with ThreadPoolExecutor(1) as beside:
@@ -298,7 +298,7 @@ def _stages(report: Report, notify: Callable[[str], None]) -> None:
         _of_models(report, data)
 
 
-def _of_models(report: Report, one_peer: bytes | None) -> None:
+def _of_models(report: VerifyReport, one_peer: bytes | None) -> None:
     """What is said of the verdicts beside the verdicts."""
     report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
     report.drift += generated_files.counterexample_drift(report.verdicts)
@@ -311,7 +311,7 @@ def _of_models(report: Report, one_peer: bytes | None) -> None:
 
 
 @contextmanager
-def _errors(report: Report) -> Iterator[None]:
+def _errors(report: VerifyReport) -> Iterator[None]:
     """Failures of tools and inputs become errors of the report."""
     try:
         yield
@@ -329,7 +329,7 @@ def _errors(report: Report) -> Iterator[None]:
 
 
 def _kept(
-    report: Report,
+    report: VerifyReport,
     name: str,
     parts: Sequence[str],
     make: Callable[[], T],
@@ -346,13 +346,13 @@ def _kept(
 
 
 def _history() -> dict[str, dict[str, list[float]]]:
-    """``Report.earlier`` of each loop; empty without a readable file."""
+    """``VerifyReport.earlier`` of each loop; empty without a readable file."""
     with suppress(OSError, ValueError):
         return _HISTORY.validate_json((KEPT / SECONDS).read_bytes())
     return {}
 
 
-def _remember(report: Report) -> None:
+def _remember(report: VerifyReport) -> None:
     """Add the durations to the history; of two concurrent runs, the last one wins."""
     stages = {
         name: [round(seconds, 1), *report.earlier.get(name, ())][:EARLIER]
@@ -366,7 +366,7 @@ def _remember(report: Report) -> None:
 
 @contextmanager
 def _timed(
-    report: Report, name: str, notify: Callable[[str], None]
+    report: VerifyReport, name: str, notify: Callable[[str], None]
 ) -> Iterator[Callable[[str], None]]:
     """A stage, with a callback for its progress."""
     earlier = report.took_earlier(name)
@@ -377,7 +377,7 @@ def _timed(
         report.seconds[name] = time.monotonic() - started
 
 
-def _models(report: Report, notify: Callable[[str], None], stop: tlc.TlcStop) -> None:
+def _models(report: VerifyReport, notify: Callable[[str], None], stop: tlc.TlcStop) -> None:
     loaded = models.load()
     chosen = models.of_profile(loaded, report.profile)
     if report.profile == "quick":
@@ -396,7 +396,9 @@ def _models(report: Report, notify: Callable[[str], None], stop: tlc.TlcStop) ->
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
 
 
-def _oracle(report: Report, graph: oracle_generation.Graph, notify: Callable[[str], None]) -> bytes:
+def _oracle(
+    report: VerifyReport, graph: oracle_generation.Graph, notify: Callable[[str], None]
+) -> bytes:
     with _timed(report, "oracle", notify) as notify:
         notify(f"oracle: {graph.name}")
 
@@ -415,7 +417,7 @@ def _oracle(report: Report, graph: oracle_generation.Graph, notify: Callable[[st
     return fresh
 
 
-def _compare_rule(report: Report, rule: str, notify: Callable[[str], None]) -> None:
+def _compare_rule(report: VerifyReport, rule: str, notify: Callable[[str], None]) -> None:
     """The short loop: all inputs in all states of the small graph, also with the rule disabled."""
     _load_reference()
     data = _oracle(report, oracle_generation.SMALL, notify)
@@ -435,7 +437,7 @@ def _load_reference() -> None:
         raise NotLoaded(text) from error
 
 
-def _drift(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+def _drift(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
     with _timed(report, "generated files", notify) as notify:
         notify("generated files")
         report.drift += _kept(
@@ -453,9 +455,9 @@ def _pool() -> ProcessPoolExecutor:
 
 @dataclass
 class _Compared:
-    """The result of the stage of comparisons, as in ``Report``."""
+    """The result of the stage of comparisons, as in ``VerifyReport``."""
 
-    compared: dict[str, graph_comparison.Comparison]
+    compared: dict[str, graph_comparison.WalkResult]
     compiled: dict[str, oracle_agreement.Agreement]
     coverage: graph_comparison.Coverage | None
     behaviours: int
@@ -471,7 +473,7 @@ class _Compared:
         return rules and not (any(differences) or self.behaviour_differences or self.drift)
 
 
-def _compare(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
     with _timed(report, "comparison", notify) as notify:
         found = _kept(
             report,
@@ -489,7 +491,7 @@ def _compare(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> 
     report.drift += found.drift
 
 
-def _comparisons(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
+def _comparisons(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
     _load_reference()
     drift = []
     with _pool() as pool:

@@ -7,12 +7,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from automcm_cli.spec.model_output import checks
-from automcm_maintenance.verify.verify import Report
+from automcm_maintenance.verify.verify import VerifyReport
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: VerifyReport, console: Console) -> None:
     """Print the report: models, must-fail models, oracle, comparison, the verdict."""
     holds = [v for v in report.verdicts if v.model.expect == "holds"]
     fails = [v for v in report.verdicts if v.model.expect == "violates"]
@@ -67,7 +67,7 @@ def show(report: Report, console: Console) -> None:
     console.print(f"{word} after {report.elapsed:.0f} s: {parts}.")
 
 
-def _short_loop(report: Report) -> list[str]:
+def _short_loop(report: VerifyReport) -> list[str]:
     """The result of the small graph for the requested rule, and the omitted checks."""
     rule = str(report.rule)
     differing = sum(c.differing[rule] for c in report.compared.values())
@@ -143,7 +143,7 @@ def _problem(v: models.ModelVerdict) -> tuple[str, ...]:
     return (escape(v.problem.splitlines()[0]),) if v.problem else ("",)
 
 
-def _comparison(report: Report, console: Console) -> None:
+def _comparison(report: VerifyReport, console: Console) -> None:
     for name, c in report.compared.items():
         console.print(
             f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs (every input), "

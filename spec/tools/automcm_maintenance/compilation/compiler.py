@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automcm_maintenance.compilation import sany
-from automcm_maintenance.compilation.sany import Operator, Specification
+from automcm_maintenance.compilation.sany import Operator, ParsedModules
 from automcm_maintenance.compilation.tla_types import (
     INT,
     TAG,
@@ -85,7 +85,7 @@ def text(tla: Path = TLA, xml: bytes | None = None) -> str:
     """The required contents of automcm_spec/vocabulary/station.py.
 
     ``xml`` is SANY's XML of OpenStation, if available. Raises tlc.TlcError if SANY cannot parse the
-    module, sany.Refused for an unsupported construct, ToolError if ruff fails.
+    module, sany.NotCompiled for an unsupported construct, ToolError if ruff fails.
     """
     return formatted(source(PLAN, xml or sany.export(PLAN.module, tla), tla))
 
@@ -139,7 +139,7 @@ from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm, no_arm
 
 
 class _Writer:
-    def __init__(self, plan: Plan, spec: Specification, tla: Path) -> None:
+    def __init__(self, plan: Plan, spec: ParsedModules, tla: Path) -> None:
         self.plan = plan
         instead = {
             old: replace(spec.operators[new], name=old, at=spec.operators[old].at)

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from automcm_maintenance.compilation import compiler, sany
-from automcm_maintenance.compilation.sany import Node, Operator, Refused
+from automcm_maintenance.compilation.sany import Node, NotCompiled, Operator
 from automcm_maintenance.compilation.tla_types import (
     BOOL,
     ID,
@@ -83,7 +83,7 @@ class _Kinds(Types):
         return found
 
     def of(self, node: Node, env: Env) -> Type:
-        """The type of an expression. Raises Refused where an id or a number is misused."""
+        """The type of an expression. Raises NotCompiled where an id or a number is misused."""
         if node.op == "number" and self._is_open(node):
             return LITERAL
         if node.op in _ORDER or node.op in ("+", "-", ".."):
@@ -115,7 +115,9 @@ class _Kinds(Types):
         for found in (first, second):
             if found not in (INT, LITERAL):
                 what = "an id" if found == ID else "a session number"
-                raise Refused(f"{what if found in (ID, NUMBER) else found} in {node.op}", node.at)
+                raise NotCompiled(
+                    f"{what if found in (ID, NUMBER) else found} in {node.op}", node.at
+                )
         return SetOf(INT) if node.op == ".." else BOOL if node.op in _ORDER else INT
 
     def _note(self, found: Type, use: str) -> None:
@@ -139,7 +141,7 @@ def uses(xml: bytes) -> dict[tuple[str, str], list[str]]:
     """The operators of Station.tla by what they do ("ordered") with which kind ("id", "number").
 
     A comparison of records is not listed. ``xml`` is SANY's XML of OpenStation or of a module that
-    extends it. Raises Refused with the line where an id or a session number is used otherwise.
+    extends it. Raises NotCompiled with the line where an id or a session number is used otherwise.
     """
     spec = sany.read(xml)
     kinds = _Kinds(spec, CONSTANTS, compiler.PLAN.classes)

@@ -59,7 +59,7 @@ def load(
     """The compiled module, with the class Independence.
 
     ``xml`` is SANY's XML of it, if available. ``substitutions`` are those of a cfg. Raises
-    tlc.TlcError if SANY cannot parse a module, sany.Refused for an unsupported construct.
+    tlc.TlcError if SANY cannot parse a module, sany.NotCompiled for an unsupported construct.
     """
     plan = replace(PLAN, substitutions=substitutions or {})
     code = compiler.source(plan, xml or sany.export(plan.module, tla), tla)
@@ -69,7 +69,7 @@ def load(
 
 
 @dataclass(frozen=True)
-class Limits:
+class OpenLimits:
     """The constants of OpenStation.tla."""
 
     max_rounds: int
@@ -81,7 +81,7 @@ class Limits:
     peer_sessions: frozenset[int]
 
     @classmethod
-    def of(cls, cfg: str) -> Limits:
+    def of(cls, cfg: str) -> OpenLimits:
         """The constants in the cfg of a model."""
         found = re.findall(r"^ *(\w+) = (\{.*\}|\d+)$", cfg, re.MULTILINE)
         values: dict[str, Any] = {snake(name): ast.literal_eval(value) for name, value in found}
@@ -104,7 +104,7 @@ class Violation:
 
 
 @dataclass
-class Sample:
+class WalkSample:
     """The result of a random walk."""
 
     inputs: int = 0
@@ -116,12 +116,12 @@ class Sample:
 
 def sample(
     station: Station, number: int, seed: int, lemmas: Collection[str] = tuple(LEMMAS)
-) -> Sample:
+) -> WalkSample:
     """A random walk of ``number`` offered inputs, up to the first violation of a lemma.
 
     Equal arguments give equal walks.
     """
-    result = Sample()
+    result = WalkSample()
     checks = [(name, getattr(station, snake(LEMMAS[name]))) for name in lemmas]
     for st, i, r in _walk(station, number, seed):
         result.inputs += 1

@@ -1,7 +1,7 @@
 """TLA+ modules as parsed by SANY: its XML, read into operators and expressions.
 
 SANY is the parser of the TLA+ tools. ``export`` runs it to write its XML (half a second of Java);
-``read`` converts the XML to a ``Specification``. Names are resolved, operators have their canonical
+``read`` converts the XML to ``ParsedModules``. Names are resolved, operators have their canonical
 spelling, and every node has its location.
 """
 
@@ -38,7 +38,7 @@ _CONSTRUCTS = {
 """TLA+ names for SANY's names of constructs."""
 
 
-class Refused(ValueError):
+class NotCompiled(ValueError):
     """A construct that the compiler does not support; the text names it and its line."""
 
     def __init__(self, construct: str, at: Location) -> None:
@@ -93,7 +93,7 @@ class Operator:
 
 
 @dataclass(frozen=True)
-class Specification:
+class ParsedModules:
     """The operators by name, in textual order, and the module of each constant."""
 
     operators: dict[str, Operator]
@@ -143,7 +143,7 @@ def _complaint(module: str, text: str) -> tlc.TlcError:
     return tlc.TlcError("parse", f"SANY: {message}", (where and where[2]) or module, line)
 
 
-def read(xml: bytes) -> Specification:
+def read(xml: bytes) -> ParsedModules:
     """The operators of the modules in SANY's XML, except those of the standard modules.
 
     A construct that ``Node`` does not list becomes a node with SANY's name as ``op``; the compiler
@@ -165,7 +165,7 @@ class _Reader:
             _text(ref, "UID") for e in self._known.values() for ref in e.iterfind(".//opDefs/*")
         }
 
-    def specification(self) -> Specification:
+    def specification(self) -> ParsedModules:
         """All operators and constants, ordered by module and line."""
         operators, constants = [], []
         for uid, element in self._known.items():
@@ -175,7 +175,7 @@ class _Reader:
                 operators.append(self._operator(element))
         constants.sort(key=lambda pair: self._order(pair[0]))
         operators.sort(key=lambda operator: self._order(operator.at))
-        return Specification(
+        return ParsedModules(
             {operator.name: operator for operator in operators},
             {name: at.module for at, name in constants},
         )

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from automcm_maintenance.compilation.sany import OTHER, Node, Operator, Refused, Specification
+from automcm_maintenance.compilation.sany import OTHER, Node, NotCompiled, Operator, ParsedModules
 from automcm_spec.model_checking.tlc import Location
 
 TAG = "kind"
@@ -156,7 +156,7 @@ class Types:
     """Infers types. ``names`` maps an operator to the class of the records it makes, if they
     differ."""
 
-    spec: Specification
+    spec: ParsedModules
     constants: Mapping[str, Type]
     names: Mapping[str, str]
     classes: dict[str, Class] = field(default_factory=dict)
@@ -174,7 +174,7 @@ class Types:
 
         The types of their parameters are given: ``int``; an operator without parameters, or an
         earlier root, for the type of its value; ``*`` and an operator, for the type of the elements
-        of its value. Raises Refused.
+        of its value. Raises NotCompiled.
         """
         before = None
         while before != (now := {name: dict(c.fields) for name, c in self.classes.items()}):
@@ -187,7 +187,7 @@ class Types:
 
     def _operator(self, name: str) -> Operator:
         if name not in self.spec.operators:
-            raise Refused(f"no operator {name}", Location("", 0, 0, 0, 0))
+            raise NotCompiled(f"no operator {name}", Location("", 0, 0, 0, 0))
         return self.spec.operators[name]
 
     def _given(self, text: str) -> Type:
@@ -207,7 +207,7 @@ class Types:
         for name in classes:
             first = next(iter(self.classes[name].fields.values()))
             if not isinstance(first, Str) or first.literals & seen:
-                raise Refused(f"records that no tag distinguishes: {sorted(classes)}", at)
+                raise NotCompiled(f"records that no tag distinguishes: {sorted(classes)}", at)
             seen |= first.literals
 
     def _apply(self, operator: Operator, args: list[Type], call: Node | None = None) -> Type:
@@ -229,7 +229,7 @@ class Types:
         try:
             joined = join(a, b)
         except IncomparableTypes as error:
-            raise Refused(f"values of different types: {error}", node.at) from None
+            raise NotCompiled(f"values of different types: {error}", node.at) from None
         if isinstance(joined, Rec) and len(joined.classes) > 1:
             self._mixed.setdefault(joined.classes, node.at)
         return joined
@@ -242,7 +242,7 @@ class Types:
 
     def _must(self, node: Node, env: Env, wanted: Type) -> None:
         if self.of(node, env) not in (wanted, NEVER):
-            raise Refused(f"values of different types: must be {wanted}", node.at)
+            raise NotCompiled(f"values of different types: must be {wanted}", node.at)
 
     def _item(self, node: Node, env: Env) -> Type:
         """The type of the elements of a set."""
@@ -252,11 +252,11 @@ class Types:
         if isinstance(found, SetOf):
             return found.item
         if found != NEVER:
-            raise Refused(f"values of different types: must be a set, not {found}", node.at)
+            raise NotCompiled(f"values of different types: must be a set, not {found}", node.at)
         return NEVER
 
     def of(self, node: Node, env: Env) -> Type:
-        """The type of an expression. Raises Refused with the unsupported construct and its line."""
+        """The type of an expression. Raises NotCompiled with the construct and its line."""
         where = path(node)
         if where is not None and where in env:
             return env[where]
@@ -321,7 +321,7 @@ class Types:
                 return self._index(node, env)
             case "$Except":
                 return self._except(node, env)
-        raise Refused(op, node.at)
+        raise NotCompiled(op, node.at)
 
     def _logic(self, node: Node, env: Env) -> Type:
         for arg in node.args:
@@ -383,7 +383,7 @@ class Types:
             if isinstance(tag, Str) and len(tag.literals) == 1:
                 name = next(iter(tag.literals)).capitalize()
             if name in self.classes:
-                raise Refused(f"two classes of records with the name {name}", node.at)
+                raise NotCompiled(f"two classes of records with the name {name}", node.at)
             same = [Class(name, node.at, dict(fields))]
             self.classes[name] = same[0]
         for name, one in fields.items():
@@ -396,14 +396,14 @@ class Types:
         if found == NEVER:
             return NEVER
         if not isinstance(found, Rec):
-            raise Refused(f"values of different types: must be a record, not {found}", node.at)
+            raise NotCompiled(f"values of different types: must be a record, not {found}", node.at)
         fields = [
             self.classes[name].fields[step]
             for name in sorted(found.classes)
             if step in self.classes[name].fields
         ]
         if not fields:
-            raise Refused(f"a record without a field {step}", node.at)
+            raise NotCompiled(f"a record without a field {step}", node.at)
         if len(fields) < len(found.classes):
             self.partial.add(node.at)
         result = fields[0]
@@ -414,13 +414,13 @@ class Types:
     def _index(self, node: Node, env: Env) -> Type:
         base, index = node.args
         if index.op != "number":
-            raise Refused("a function applied to an argument that is not a number", node.at)
+            raise NotCompiled("a function applied to an argument that is not a number", node.at)
         found = self.of(base, env)
         if found == NEVER:
             return NEVER
         forms = [f for f in _forms(found) if int(index.name) <= len(f.items)]
         if not forms:
-            raise Refused(f"no tuple with {index.name} elements", node.at)
+            raise NotCompiled(f"no tuple with {index.name} elements", node.at)
         if len(forms) < len(_forms(found)):
             self.partial.add(node.at)
         result = forms[0].items[int(index.name) - 1]
@@ -435,12 +435,12 @@ class Types:
             steps, value = pair.args
             for n, step in enumerate(steps.args):
                 if step.op != "string":
-                    raise Refused("EXCEPT of a function", pair.at)
+                    raise NotCompiled("EXCEPT of a function", pair.at)
                 if not isinstance(found, Rec) or len(found.classes) != 1:
-                    raise Refused("EXCEPT of a value that is not one record", pair.at)
+                    raise NotCompiled("EXCEPT of a value that is not one record", pair.at)
                 fields = self.classes[next(iter(found.classes))].fields
                 if step.name not in fields:
-                    raise Refused(f"a record without a field {step.name}", pair.at)
+                    raise NotCompiled(f"a record without a field {step.name}", pair.at)
                 if n == len(steps.args) - 1:
                     joined = self._join(fields[step.name], self.of(value, env), pair)
                     fields[step.name] = joined

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from automcm_maintenance.compilation.sany import OTHER, Node, Operator, Refused
+from automcm_maintenance.compilation.sany import OTHER, Node, NotCompiled, Operator
 from automcm_maintenance.compilation.tla_types import BOOL, Type, Types
 from automcm_spec.vocabulary.tla_names import local, snake
 
@@ -55,7 +55,7 @@ RULE = re.compile(r"[A-Z]{3}-\d+")
 """Matches a string that is a rule id."""
 
 
-class Row(NamedTuple):
+class Cited(NamedTuple):
     """A condition, or a rule id, in an operator: see conditions.Condition."""
 
     operator: str
@@ -74,7 +74,7 @@ class Translator:
     """The lines of each module."""
     decision: Type | None = None
     """The type of value of the operators whose IF conditions are guards."""
-    rows: list[Row] = field(default_factory=list)
+    rows: list[Cited] = field(default_factory=list)
     _strict: dict[tuple[str, str], bool] = field(default_factory=dict)
     _operator: str = ""
     _result: Type = BOOL
@@ -199,7 +199,7 @@ class Translator:
     def _mark(self, node: Node, kind: str, text: str, python: str) -> str:
         if kind == "guard" and self._result != self.decision:
             kind = "part"
-        self.rows.append(Row(self._operator, node.at.line, kind, 0, text))
+        self.rows.append(Cited(self._operator, node.at.line, kind, 0, text))
         return f"{MARK}({len(self.rows) - 1}, {python})"
 
     def text(self, node: Node) -> str:
@@ -284,7 +284,7 @@ class Translator:
                 return f"frozenset(chain.from_iterable({self._range(args[0], '()')}))"
             case "$CartesianProd":
                 return f"frozenset(product({', '.join(map(self.expression, args))}))"
-        raise Refused(op, node.at)
+        raise NotCompiled(op, node.at)
 
     def _range(self, node: Node, brackets: str) -> str:
         """A set that is only iterated over."""
@@ -322,7 +322,9 @@ class Translator:
         bound = {name for part in operator.body.walk() for name, _ in part.bounds}
         free = {part.name for arg in node.args for part in arg.walk() if part.op == "name"}
         if bound & free:
-            raise Refused(f"an argument of {node.name} with a name that is bound there", node.at)
+            raise NotCompiled(
+                f"an argument of {node.name} with a name that is bound there", node.at
+            )
         return self.expression(
             operator.body.put(dict(zip(operator.params, node.args, strict=True)))
         )
@@ -340,7 +342,7 @@ class Translator:
             steps, value = pair.args
             first, *rest = (local(step.name) for step in steps.args)
             if first in fields:
-                raise Refused("EXCEPT changes a field twice", pair.at)
+                raise NotCompiled("EXCEPT changes a field twice", pair.at)
             text = self.expression(value)
             for n in range(len(rest), 0, -1):
                 inner = ".".join([base, first, *rest[: n - 1]])

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import z3  # type: ignore[import-untyped]
 
-from automcm_maintenance.compilation.sany import Node, Specification
+from automcm_maintenance.compilation.sany import Node, ParsedModules
 from automcm_maintenance.induction.symbolic import (
     Env,
     Evaluator,
@@ -57,7 +57,7 @@ EFFORT = 20_000_000
 _VERDICTS = {"unsat": "proved", "sat": "refuted", "unknown": "unknown"}
 
 
-class Result(NamedTuple):
+class ProofResult(NamedTuple):
     """What z3 says of an obligation."""
 
     goal: str
@@ -71,7 +71,7 @@ class Result(NamedTuple):
     """Conjuncts of the invariant that this proof used. Another one may need fewer."""
 
 
-class Transition(NamedTuple):
+class ProofStep(NamedTuple):
     """The steps of one kind."""
 
     name: str
@@ -102,7 +102,7 @@ class Prover:
     ``without`` is left out of the invariant; the rest is then proved, if it can be.
     """
 
-    def __init__(self, spec: Specification, without: AnySet[str] = frozenset()) -> None:
+    def __init__(self, spec: ParsedModules, without: AnySet[str] = frozenset()) -> None:
         self.spec = spec
         self.conjuncts = [
             node.name for node in spec.operators[INVARIANT].body.args if node.name not in without
@@ -127,17 +127,17 @@ class Prover:
             "last": {},
         }
 
-    def results(self, step: str = "") -> Iterator[Result]:
+    def results(self, step: str = "") -> Iterator[ProofResult]:
         """Prove all obligations; with ``step``, those of the steps whose name contains the text."""
         if not step:
             first = _Hypotheses(self._solver())
             for goal, claim in self._claims(self._invariant(self._first())):
-                yield Result(goal, "Init", *first.prove(claim))
+                yield ProofResult(goal, "Init", *first.prove(claim))
         base = self._base()
         if not step:
             now = self._invariant(self._state)
             for goal, name in OF_STATES.items():
-                yield Result(goal, "", *base.prove(now.operator(name)))
+                yield ProofResult(goal, "", *base.prove(now.operator(name)))
         for kind in self.transitions():
             if step in kind.name:
                 yield from self._step(base, kind)
@@ -158,13 +158,13 @@ class Prover:
             base.solver.assert_and_track(lift(holds), name)
         return base
 
-    def _step(self, base: _Hypotheses, kind: Transition) -> Iterator[Result]:
+    def _step(self, base: _Hypotheses, kind: ProofStep) -> Iterator[ProofResult]:
         for goal, claim in self._claims(self._invariant(kind.after)):
-            yield Result(goal, kind.name, *base.prove(claim, kind.guard))
+            yield ProofResult(goal, kind.name, *base.prove(claim, kind.guard))
         both = Evaluator(self.spec, self._constants, self._state, kind.after)
         for goal, name in OF_STEPS.items():
             action = self.spec.operators[name].body.args[0].args[0]  # of [][action]_vars
-            yield Result(goal, kind.name, *base.prove(both.value(action, {}), kind.guard))
+            yield ProofResult(goal, kind.name, *base.prove(both.value(action, {}), kind.guard))
 
     def _claims(self, where: Evaluator) -> Iterator[tuple[str, Value]]:
         for name in self.conjuncts:
@@ -204,14 +204,14 @@ class Prover:
                 made[name] = _any(name, value, s)
         return made
 
-    def transitions(self) -> Iterator[Transition]:
+    def transitions(self) -> Iterator[ProofStep]:
         """The steps of ``Next``, by action and input."""
         before = Evaluator(self.spec, self._constants, self._state)
         yield from self._action(before, self.spec.operators["Next"].body, {}, [], "")
 
     def _action(
         self, e: Evaluator, node: Node, env: Env, guards: Sequence[Value], name: str
-    ) -> Iterator[Transition]:
+    ) -> Iterator[ProofStep]:
         if node.op in ("\\lor", "$DisjList"):
             for arg in node.args:
                 yield from self._action(e, arg, env, guards, name)
@@ -235,12 +235,12 @@ class Prover:
             ways = [list(self._action(e, arg, env, more, name)) for arg in actions]
             for parts in product(*ways):
                 after = {var: value for part in parts for var, value in part.after.items()}
-                yield Transition(parts[0].name, all_of(part.guard for part in parts), after)
+                yield ProofStep(parts[0].name, all_of(part.guard for part in parts), after)
         elif _is_assignment(node):
             after = {node.args[0].args[0].name: e.value(node.args[1], env)}
-            yield Transition(name, all_of(guards), after)
+            yield ProofStep(name, all_of(guards), after)
         elif node.op == "$ConjList":
-            yield Transition(name, all_of(guards), _assigned(e, node, env))
+            yield ProofStep(name, all_of(guards), _assigned(e, node, env))
         else:
             raise ValueError(f"{node.at}: not a form of action that can be proved")
 

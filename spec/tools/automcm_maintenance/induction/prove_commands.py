@@ -15,31 +15,31 @@ from automcm_maintenance.compilation import sany
 from automcm_spec.model_checking.tlc import TlcError
 
 if TYPE_CHECKING:
-    from automcm_maintenance.induction.proof import Result
+    from automcm_maintenance.induction.proof import ProofResult
 
 
-class Usage(Exception):
+class ProveUsage(Exception):
     """A name that does not exist."""
 
 
-class MissingPackage(Exception):
+class MissingProver(Exception):
     """The package of the extra ``prove`` is not installed."""
 
 
-FAULTS = (MissingPackage, TlcError, sany.Refused, OSError)
+FAULTS = (MissingProver, TlcError, sany.NotCompiled, OSError)
 """Errors that end a run with exit code 3."""
 ONE_STATE = "one state"
 """The place of obligations that are about no step."""
 
 
 @dataclass(frozen=True)
-class Report:
+class ProofReport:
     """The results of all obligations."""
 
-    results: Sequence[Result]
+    results: Sequence[ProofResult]
 
     @property
-    def open(self) -> list[Result]:
+    def open(self) -> list[ProofResult]:
         """The obligations that are not proved."""
         return [r for r in self.results if r.verdict != "proved"]
 
@@ -55,10 +55,10 @@ class Report:
         return {"proved": not self.open, "obligations": rows}
 
 
-def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Report:
+def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> ProofReport:
     """Prove the obligations of the steps whose name contains ``step``; "" means all."""
     if find_spec("z3") is None:
-        raise MissingPackage("z3-solver is not installed: pip install 'automcm[prove]'")
+        raise MissingProver("z3-solver is not installed: pip install 'automcm[prove]'")
     from automcm_maintenance.induction.proof import MODULE, Prover
 
     notify("reading the specification")
@@ -66,17 +66,17 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Rep
     known = Prover(spec).conjuncts
     for name in without:
         if name not in known:
-            raise Usage(unknown(name, known, "conjunct of the invariant"))
-    results: list[Result] = []
+            raise ProveUsage(unknown(name, known, "conjunct of the invariant"))
+    results: list[ProofResult] = []
     for result in Prover(spec, frozenset(without)).results(step):
         results.append(result)
         notify(f"{len(results)} obligations; {result.step or ONE_STATE}: {result.goal}")
     if not results:
-        raise Usage(f"no step has {step!r} in its name")
-    return Report(results)
+        raise ProveUsage(f"no step has {step!r} in its name")
+    return ProofReport(results)
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: ProofReport, console: Console) -> None:
     """Print a line for each goal, and each obligation that is not proved."""
     table = table_of("goal", "obligations", "proved", "seconds")
     asked = Counter(r.goal for r in report.results)

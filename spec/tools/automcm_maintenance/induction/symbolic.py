@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import z3  # type: ignore[import-untyped]
 
-from automcm_maintenance.compilation.sany import OTHER, Node, Refused, Specification
+from automcm_maintenance.compilation.sany import OTHER, Node, NotCompiled, ParsedModules
 
 Value = Any
 Env = Mapping[str, Any]
@@ -322,7 +322,7 @@ def any_truth(arguments: Sequence[z3.ExprRef]) -> Value:
 class Evaluator:
     """Evaluates expressions of a specification with these constants and variables."""
 
-    spec: Specification
+    spec: ParsedModules
     constants: Mapping[str, Value]
     state: Mapping[str, Value] = field(default_factory=dict)
     after: Mapping[str, Value] = field(default_factory=dict)
@@ -336,7 +336,7 @@ class Evaluator:
         return self.value(operator.body, dict(zip(operator.params, args, strict=True)))
 
     def value(self, node: Node, env: Env) -> Value:
-        """The value of an expression. Raises sany.Refused for an unsupported construct."""
+        """The value of an expression. Raises sany.NotCompiled for an unsupported construct."""
         op, args = node.op, node.args
         match op:
             case "number":
@@ -427,7 +427,7 @@ class Evaluator:
                 return self._all(args[0], list(node.bounds), env)
             case "Cardinality":
                 return _size(self.value(args[0], env))
-        raise Refused(op, node.at)
+        raise NotCompiled(op, node.at)
 
     def _primed(self) -> Evaluator:
         return Evaluator(self.spec, self.constants, self.after, {}, self.sizes)

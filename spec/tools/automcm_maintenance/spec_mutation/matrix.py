@@ -110,7 +110,7 @@ Notify = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Cell:
+class MatrixCell:
     """A mutant in a model: the violated properties (ids), and how the exploration ended."""
 
     kills: tuple[str, ...]
@@ -118,7 +118,7 @@ class Cell:
 
 
 @dataclass
-class Row:
+class MatrixRow:
     """A mutant: the first model that violates each property, and the models that did not finish."""
 
     mutant: Mutant
@@ -151,21 +151,21 @@ class Cells:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._lock = threading.Lock()
-        self._found: dict[str, Cell] = {}
+        self._found: dict[str, MatrixCell] = {}
         if path is not None and path.is_file():
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
                     key, kills, end = _KEPT.validate_json(line)
                 except ValidationError:
                     continue  # a line that a killed run did not finish
-                self._found[key] = Cell(tuple(kills), end)
+                self._found[key] = MatrixCell(tuple(kills), end)
 
-    def get(self, key: str) -> Cell | None:
+    def get(self, key: str) -> MatrixCell | None:
         """The kept cell; one that ran out of time is tried again."""
         cell = self._found.get(key)
         return None if cell is None or cell.end == "time" else cell
 
-    def put(self, key: str, cell: Cell) -> None:
+    def put(self, key: str, cell: MatrixCell) -> None:
         """Keep a cell."""
         with self._lock:
             self._found[key] = cell
@@ -222,13 +222,15 @@ class Matrix:
         parts = [unit.source, _COMMENT.sub("", text.decode()), unit.name, *asked]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
-    def run(self, wanted: Sequence[Mutant], jobs: int, notify: Notify) -> tuple[list[Row], bool]:
+    def run(
+        self, wanted: Sequence[Mutant], jobs: int, notify: Notify
+    ) -> tuple[list[MatrixRow], bool]:
         """The rows of the mutants, and whether all cells are known.
 
         On Ctrl-C the active runs are killed.  The next run with the same cells continues.  Raises
         MutationError if a property is violated without a mutant, or if a tool fails.
         """
-        rows = {n: Row(mutant) for n, mutant in enumerate(wanted, start=1)}
+        rows = {n: MatrixRow(mutant) for n, mutant in enumerate(wanted, start=1)}
         total = len(self.units) * len(rows)
         for place, unit in enumerate(self.units):
 
@@ -241,7 +243,7 @@ class Matrix:
         return list(rows.values()), True
 
     def _unit(
-        self, unit: _Unit, rows: Mapping[int, Row], jobs: int, told: Callable[[int], None]
+        self, unit: _Unit, rows: Mapping[int, MatrixRow], jobs: int, told: Callable[[int], None]
     ) -> bool:
         """Fill the cells of a unit; False if interrupted."""
         ids = [id_of(name) for name in unit.checks.names]
@@ -264,13 +266,13 @@ class Matrix:
             self._original(unit)
             seen = self._seen(unit, {n: rows[n].mutant for n in todo})
 
-            def keep(found: Mapping[int, Cell]) -> None:
+            def keep(found: Mapping[int, MatrixCell]) -> None:
                 for n, cell in found.items():
                     self._cells.put(todo.pop(n), cell)
                     _enter(rows[n], unit, cell)
                 told(len(todo))
 
-            keep({n: Cell((), "finished") for n in todo if n not in seen})
+            keep({n: MatrixCell((), "finished") for n in todo if n not in seen})
             if together := len(alike := self._alike(unit)) > 1:
                 self._together(alike, rows, todo, jobs, keep)
             self._explore(unit, {n: rows[n] for n in todo}, jobs, keep, alone=together)
@@ -281,10 +283,10 @@ class Matrix:
     def _together(
         self,
         alike: Sequence[_Unit],
-        rows: Mapping[int, Row],
+        rows: Mapping[int, MatrixRow],
         todo: Mapping[int, str],
         jobs: int,
-        keep: Callable[[Mapping[int, Cell]], None],
+        keep: Callable[[Mapping[int, MatrixCell]], None],
     ) -> None:
         """Explore temporal properties of the same behaviour in one run.
 
@@ -295,7 +297,7 @@ class Matrix:
         joint = replace(alike[0], checks=replace(alike[0].checks, temporal=names))
         keys = {n: self.key(joint, rows[n].mutant, rows[n].kills) for n in todo}
 
-        def clean(found: Mapping[int, Cell]) -> None:
+        def clean(found: Mapping[int, MatrixCell]) -> None:
             holds = {n: c for n, c in found.items() if not c.kills and c.end != "time"}
             for n in found.keys() - holds.keys():
                 self._cells.put(keys[n], found[n])
@@ -323,9 +325,9 @@ class Matrix:
     def _explore(
         self,
         unit: _Unit,
-        rows: Mapping[int, Row],
+        rows: Mapping[int, MatrixRow],
         jobs: int,
-        keep: Callable[[Mapping[int, Cell]], None],
+        keep: Callable[[Mapping[int, MatrixCell]], None],
         alone: bool = False,
     ) -> None:
         """Explore the mutants in batches, or each alone, and keep the cells of each."""
@@ -349,7 +351,7 @@ class Matrix:
                 pool.shutdown(cancel_futures=True)
                 raise
 
-    def _spared(self, row: Row) -> bool:
+    def _spared(self, row: MatrixRow) -> bool:
         """Whether a property kills it, and the run is sparing."""
         return self._sparing and bool(set(row.kills) - {matrix_modules.ORACLE})
 
@@ -405,7 +407,7 @@ class Matrix:
         if cell is None:
             cell = self._explored(unit, {ORIGINAL: None}, {})[ORIGINAL]
             self._cells.put(key, cell)
-        if cell != Cell((), "finished"):
+        if cell != MatrixCell((), "finished"):
             raise MutationError(f"{unit.name} is not as expected without a mutant: {cell}")
 
     def _explored(
@@ -413,7 +415,7 @@ class Matrix:
         unit: _Unit,
         batch: Mapping[int, Mutant | None],
         known: Mapping[int, Collection[str]],
-    ) -> dict[int, Cell]:
+    ) -> dict[int, MatrixCell]:
         """The cells of a batch.
 
         TLC stops at a mutant that it cannot evaluate, and at a temporal property that is violated.
@@ -422,11 +424,11 @@ class Matrix:
         """
         kills: dict[int, set[str]] = {n: set() for n in batch}
         limited: set[int] = set()
-        cells: dict[int, Cell] = {}
+        cells: dict[int, MatrixCell] = {}
         ids = {id_of(name) for name in unit.checks.names}
 
         def end(n: int, how: End) -> None:
-            cells[n] = Cell(tuple(sorted(kills[n])), how)
+            cells[n] = MatrixCell(tuple(sorted(kills[n])), how)
 
         def settled(n: int) -> set[str]:
             return kills[n] | set(known.get(n, ()))
@@ -564,7 +566,7 @@ def _halves(checks: Checks, name: str) -> list[Checks]:
     return [replace(checks, temporal=(), steps={name: step}, entries={name: entry}), whole]
 
 
-def _enter(row: Row, unit: _Unit, cell: Cell) -> None:
+def _enter(row: MatrixRow, unit: _Unit, cell: MatrixCell) -> None:
     for id_ in cell.kills:
         row.kills.setdefault(id_, unit.model.cfg)
     if cell.end != "finished":

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from automcm_maintenance.documents import matrix_page
-from automcm_maintenance.documents.matrix_page import Entry, Head
+from automcm_maintenance.documents.matrix_page import Head, MatrixEntry
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.spec_mutation import matrix
 from automcm_maintenance.spec_mutation.mutants import generate, sample
@@ -24,11 +24,11 @@ CELLS = ROOT / "runs" / "matrix.jsonl"
 
 
 @dataclass(frozen=True)
-class Report:
+class MatrixReport:
     """The matrix; not complete if the run was interrupted."""
 
     head: Head
-    entries: list[Entry]
+    entries: list[MatrixEntry]
     complete: bool
     problems: list[str]
 
@@ -45,7 +45,7 @@ def run(
     jobs: int,
     sparing: bool,
     notify: Callable[[str], None],
-) -> Report:
+) -> MatrixReport:
     """Run the matrix, by default all mutants in the models of ``matrix.CFGS``.
 
     The reasons are only compared if nothing is left out.  Raises Usage for an unknown name.
@@ -64,7 +64,7 @@ def run(
     of = matrix.Matrix([loaded[name] for name in names], cells=CELLS, sparing=sparing)
     rows, complete = of.run(chosen, jobs, notify)
     entries = [
-        Entry(
+        MatrixEntry(
             id=row.mutant.id,
             change=row.mutant.change,
             kills=row.kills,
@@ -77,10 +77,10 @@ def run(
         problems = matrix_page.problems(entries, matrix_page.reasons())
     changed = {name: dict(c.constants) for name, c in matrix.CHANGED.items() if name in names}
     head = Head(models=names, changed=changed, states=matrix.STATES)
-    return Report(head, entries, complete, problems)
+    return MatrixReport(head, entries, complete, problems)
 
 
-def as_dict(report: Report) -> dict[str, Any]:
+def as_dict(report: MatrixReport) -> dict[str, Any]:
     """The report as JSON."""
     return {
         "complete": report.complete,
@@ -90,7 +90,7 @@ def as_dict(report: Report) -> dict[str, Any]:
     }
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: MatrixReport, console: Console) -> None:
     """Print the numbers, the mutants that no property kills, and the problems."""
     killed = Counter(id_ for entry in report.entries for id_ in entry.kills)
     console.print(
@@ -109,7 +109,7 @@ def show(report: Report, console: Console) -> None:
         console.print("Incomplete; repeat the command to continue")
 
 
-def write(report: Report) -> None:
+def write(report: MatrixReport) -> None:
     """Write the matrix of a complete report, from which the page is built."""
     if report.complete:
         files.write(matrix_page.MATRIX, matrix_page.text(report.head, report.entries))

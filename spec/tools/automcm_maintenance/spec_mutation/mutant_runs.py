@@ -60,7 +60,7 @@ class Kill:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MutantOutcome:
     """The result for a mutant.  invalid: it does not parse.  seconds: TLC's duration."""
 
     mutant: Mutant
@@ -102,7 +102,7 @@ class Outcome:
 
 
 @dataclass
-class Report:
+class MutationReport:
     """The outcomes in the order of the mutants; not complete if the run was interrupted.
 
     problems and reasons (of survivors, by id) come from the list of survivors.
@@ -110,7 +110,7 @@ class Report:
 
     profile: Profile
     selected: int
-    outcomes: list[Outcome]
+    outcomes: list[MutantOutcome]
     problems: list[str] = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
 
@@ -211,7 +211,7 @@ class _Run:
             self._sound[model.cfg] = found.seconds
             return found.seconds
 
-    def quick(self, mutant: Mutant) -> Outcome:
+    def quick(self, mutant: Mutant) -> MutantOutcome:
         """Run models until one kills the mutant.
 
         If only counts differ, or TLC does not finish, compare the graph of one station, and then
@@ -236,7 +236,7 @@ class _Run:
                 found = self._check(mutant, model, model.config, folder)
                 seconds += found.seconds
                 if found.how == "invalid":
-                    return Outcome(mutant, (), True, seconds)
+                    return MutantOutcome(mutant, (), True, seconds)
                 if found.how in _WEAK:
                     if not kills:
                         kills.append(Kill(model.cfg, found.how, found.what))
@@ -245,7 +245,7 @@ class _Run:
                 elif found.how is not None:
                     kills.append(Kill(model.cfg, found.how, found.what))
                     break
-        return Outcome(mutant, tuple(kills), False, seconds)
+        return MutantOutcome(mutant, tuple(kills), False, seconds)
 
     def _graph(self, mutant: Mutant, folder: Path) -> _Found:
         """Whether the graphs of one station equal the oracles; the small one first."""
@@ -276,7 +276,7 @@ class _Run:
             return _Found(None, "", seconds)
         return _Found("graph", f"{graph.name} differs", seconds)
 
-    def deep(self, mutant: Mutant) -> Outcome:
+    def deep(self, mutant: Mutant) -> MutantOutcome:
         """All properties that are violated in any model that must hold."""
         kills: list[Kill] = []
         seconds = 0.0
@@ -285,10 +285,10 @@ class _Run:
                 for found in self._violated(mutant, model, folder):
                     seconds += found.seconds
                     if found.how == "invalid":
-                        return Outcome(mutant, (), True, seconds)
+                        return MutantOutcome(mutant, (), True, seconds)
                     if found.how is not None:
                         kills.append(Kill(model.cfg, found.how, found.what))
-        return Outcome(mutant, tuple(kills), False, seconds)
+        return MutantOutcome(mutant, tuple(kills), False, seconds)
 
     def _seeing(self, mutant: Mutant) -> Iterator[Model]:
         return (m for m in self.models if mutant.module in self._read_by[m.module])
@@ -413,7 +413,7 @@ def run(
     jobs: int = 2,
     search_s: float = 15,
     notify: Notify = lambda text: None,
-) -> Report:
+) -> MutationReport:
     """Run the models on each mutant, ``jobs`` at a time; say gets a status line.
 
     On Ctrl-C the active runs are killed, and the report contains the known results; the next run
@@ -424,7 +424,7 @@ def run(
         chosen = [model for model in chosen if model.expect == "holds"]
     the_run = _Run(chosen, tla, Cache(cache), search_s)
     work = the_run.quick if profile == "quick" else the_run.deep
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, MutantOutcome] = {}
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         try:
             futures = [pool.submit(work, mutant) for mutant in mutants]
@@ -440,4 +440,6 @@ def run(
             the_run.stop.now()
             pool.shutdown(cancel_futures=True)
             raise
-    return Report(profile, len(mutants), [outcomes[m.id] for m in mutants if m.id in outcomes])
+    return MutationReport(
+        profile, len(mutants), [outcomes[m.id] for m in mutants if m.id in outcomes]
+    )

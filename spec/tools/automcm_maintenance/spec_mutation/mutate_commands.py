@@ -19,10 +19,10 @@ from automcm_maintenance.spec_mutation import mutant_runs, survivors
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_maintenance.spec_mutation.mutant_runs import (
     HOW,
+    MutantOutcome,
     MutationError,
-    Outcome,
+    MutationReport,
     Profile,
-    Report,
 )
 from automcm_maintenance.spec_mutation.mutants import MissingPackage, Mutant, generate, sample
 from automcm_maintenance.spec_mutation.survivors import SURVIVORS
@@ -97,7 +97,7 @@ def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
     ]
 
 
-def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) -> Report:
+def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) -> MutationReport:
     """Run the named models on the mutants; by default the quick and full ones up to longest_s.
 
     The longer models come last, so that only survivors of the others reach them.  The list of
@@ -124,12 +124,12 @@ def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) 
     return report
 
 
-def _by_kind(report: Report) -> list[tuple[str, list[Outcome]]]:
+def _by_kind(report: MutationReport) -> list[tuple[str, list[MutantOutcome]]]:
     kinds = [(kind, [o for o in report.outcomes if o.mutant.kind == kind]) for kind in KINDS]
     return [*[(kind, found) for kind, found in kinds if found], ("all", report.outcomes)]
 
 
-def _cells(outcomes: Sequence[Outcome]) -> list[int]:
+def _cells(outcomes: Sequence[MutantOutcome]) -> list[int]:
     """The numbers of mutants, of kills in each way, of survivors and of invalid mutants."""
     killed = [sum(o.how == how for o in outcomes) for how in HOW]
     ends = [sum(o.survived for o in outcomes), sum(o.invalid for o in outcomes)]
@@ -144,12 +144,12 @@ def _heads() -> list[str]:
     return ["mutants", *map(_head, HOW), "survived", "invalid"]
 
 
-def _per_property(report: Report) -> dict[str, int]:
+def _per_property(report: MutationReport) -> dict[str, int]:
     killed = Counter(name for o in report.outcomes for name in o.properties)
     return {name: killed[name] for name in sorted({*models.PROPERTIES, *killed})}
 
 
-def _rates(report: Report) -> tuple[float, float]:
+def _rates(report: MutationReport) -> tuple[float, float]:
     """The shares of the valid mutants killed, and killed by more than the recorded counts."""
     valid = [o for o in report.outcomes if not o.invalid]
     killed = sum(not o.survived for o in valid)
@@ -157,7 +157,7 @@ def _rates(report: Report) -> tuple[float, float]:
     return killed / max(1, len(valid)), (killed - by_counts) / max(1, len(valid))
 
 
-def as_dict(report: Report) -> dict[str, Any]:
+def as_dict(report: MutationReport) -> dict[str, Any]:
     """The report as JSON."""
     rate, without_counts = _rates(report)
     rows = []
@@ -182,7 +182,7 @@ def as_dict(report: Report) -> dict[str, Any]:
     }
 
 
-def results(report: Report) -> dict[str, Any]:
+def results(report: MutationReport) -> dict[str, Any]:
     """What the page shows of a report."""
     whole = as_dict(report)
     alive = [o.mutant for o in report.outcomes if o.survived]
@@ -194,7 +194,7 @@ def results(report: Report) -> dict[str, Any]:
     }
 
 
-def show(report: Report, console: Console) -> None:
+def show(report: MutationReport, console: Console) -> None:
     """Print the tables, the survivors and the problems."""
     table = Table(title="Mutants: how they were killed", title_justify="left", box=None)
     table.add_column("kind", no_wrap=True)
@@ -243,7 +243,7 @@ def markdown(found: dict[str, Any]) -> str:
     )
 
 
-def write(report: Report) -> None:
+def write(report: MutationReport) -> None:
     """Write the results of a complete report, from which the page is built."""
     if report.complete:
         files.write(RESULTS, json.dumps(results(report), indent=1, ensure_ascii=False) + "\n")

@@ -143,7 +143,7 @@ def spec_prove(
 
     with (
         code_3("prove", *prove_commands.FAULTS),
-        usage(prove_commands.Usage),
+        usage(prove_commands.ProveUsage),
         progress() as notify,
     ):
         report = prove_commands.run(without or [], step, notify)

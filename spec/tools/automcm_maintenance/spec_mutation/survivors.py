@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from automcm_maintenance.spec_mutation.mutant_runs import Report
+from automcm_maintenance.spec_mutation.mutant_runs import MutationReport
 from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.support.paths import MODELS
 
@@ -46,7 +46,10 @@ def load(models_dir: Path = MODELS) -> dict[str, Survivor]:
 
 
 def compare(
-    report: Report, listed: dict[str, Survivor], generated: Sequence[Mutant], modules: Sequence[str]
+    report: MutationReport,
+    listed: dict[str, Survivor],
+    generated: Sequence[Mutant],
+    modules: Sequence[str],
 ) -> list[str]:
     """The problems of the list of survivors: missing entries, and entries that do not survive.
 

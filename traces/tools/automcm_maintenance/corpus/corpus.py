@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from automcm_maintenance.corpus.corpus_bad import Bad, bad_logs, bases_among
-from automcm_maintenance.corpus.corpus_walks import Graph, Transition
+from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
 from automcm_traces.explain.explain import explain_files
 from automcm_traces.export.itf_log import behaviour
@@ -40,7 +40,7 @@ COVERAGE = "behaviours/coverage.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CorpusEntry:
     """A log of the corpus with its correct verdict; ``file`` is relative to the corpus.
 
     ``line`` is 0 if the verdict names none.  ``beside`` is a log that must be checked with it.
@@ -66,7 +66,7 @@ def behaviours(notify: Callable[[str], None]) -> dict[str, bytes]:
     counts: dict[str, object] = {}
     for name in WALKED:
         notify(f"corpus: {name}")
-        graph = Graph(listed[name])
+        graph = ModelGraph(listed[name])
         before = seen.setdefault(graph.max_rounds, set())
         walks = graph.walks(before)
         all_ = graph.transitions
@@ -136,7 +136,7 @@ def _is(file: str, kind: str) -> bool:
     return file.startswith(f"{kind}/")
 
 
-def index_text(entries: Iterable[Entry]) -> bytes:
+def index_text(entries: Iterable[CorpusEntry]) -> bytes:
     """The index: a JSON list with one log on each line and without empty fields."""
     lines = [
         json.dumps({k: v for k, v in asdict(e).items() if v or k == "line"}, ensure_ascii=False)
@@ -145,9 +145,9 @@ def index_text(entries: Iterable[Entry]) -> bytes:
     return ("[\n" + ",\n".join(lines) + "\n]\n").encode()
 
 
-def index(corpus: Path) -> list[Entry]:
+def index(corpus: Path) -> list[CorpusEntry]:
     """The entries of the index.  Raises OSError, ValueError."""
-    return [Entry(**item) for item in json.loads((corpus / "index.json").read_text())]
+    return [CorpusEntry(**item) for item in json.loads((corpus / "index.json").read_text())]
 
 
 _RUNS = {
@@ -159,19 +159,19 @@ _RUNS = {
 }
 
 
-def _of_run(file: str) -> Entry:
+def _of_run(file: str) -> CorpusEntry:
     kind, name = file.split("/")
     story = f"{_RUNS[kind]} Station {Path(name).stem}."
-    return Entry(file, story, "allowed", source="reference")
+    return CorpusEntry(file, story, "allowed", source="reference")
 
 
-def _of_bad(one: Bad) -> Entry:
+def _of_bad(one: Bad) -> CorpusEntry:
     beside = f"pair/{one.beside}.ndjson" if one.beside else ""
     file = f"bad/{one.name}.ndjson"
-    return Entry(file, one.story, one.verdict, one.line, one.rule, beside, one.base)
+    return CorpusEntry(file, one.story, one.verdict, one.line, one.rule, beside, one.base)
 
 
-def _of_walk(file: str, text: bytes) -> Entry:
+def _of_walk(file: str, text: bytes) -> CorpusEntry:
     """The entry of a walk: it is allowed because TLC took it; its story is its rules."""
     _, model, name = file.split("/")
     rules: dict[str, None] = {}
@@ -181,10 +181,10 @@ def _of_walk(file: str, text: bytes) -> Entry:
             rules[rule] = None
     walk, station = Path(name).stem.split("-")
     story = f"Walk {int(walk)} through {model}, station {station}: {', '.join(rules)}."
-    return Entry(file, story, "allowed", source=f"spec/models/{models.LIST}#{model}")
+    return CorpusEntry(file, story, "allowed", source=f"spec/models/{models.LIST}#{model}")
 
 
-def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
+def _of_counterexamples(corpus: Path, files: list[str]) -> list[CorpusEntry]:
     """The engine's verdict on each station of a must-fail model, with the model's story."""
     why = {m.cfg: m for m in models.load()}
     verdicts = [explain_files([corpus / file])[0] for file in files]
@@ -196,6 +196,6 @@ def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
         source = f"spec/models/{models.LIST}#{model.cfg}"
         found = verdict.finding
         entries.append(
-            Entry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
+            CorpusEntry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
         )
     return entries

@@ -33,7 +33,7 @@ class Bad:
     beside: int = 0
 
 
-class Log:
+class EditedLog:
     """The records of a good log, for editing.  Lines count from 1."""
 
     def __init__(self, text: bytes) -> None:
@@ -89,14 +89,14 @@ def _line(record: Json) -> bytes:
     return json.dumps(record, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
 
 
-Edit = Callable[[Log], tuple[int, bytes | None]]
+Edit = Callable[[EditedLog], tuple[int, bytes | None]]
 """Changes a log; returns the line of the verdict, and the text if the records do not have it."""
 
 
 def _set(ev: str, change: Mapping[str, Json], nth: int = 1, **wanted: Json) -> Edit:
     """Change fields of the message or of the event; the verdict names the edited line."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
         record = log.at(line)
         for name, value in change.items():
@@ -113,7 +113,7 @@ def _set(ev: str, change: Mapping[str, Json], nth: int = 1, **wanted: Json) -> E
 def _drop(ev: str, nth: int = 1, **wanted: Json) -> Edit:
     """Remove an effect; the verdict names the input of its step."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
         named = log.input_of(line)
         log.drop(line)
@@ -125,7 +125,7 @@ def _drop(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 def _drop_input(ev: str, nth: int = 1, **wanted: Json) -> Edit:
     """Remove an input; the verdict names the event that followed it."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
         log.drop(line)
         return line, None
@@ -136,7 +136,7 @@ def _drop_input(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 def _twice(ev: str, nth: int = 1, **wanted: Json) -> Edit:
     """Duplicate an event; the verdict names the second."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
         log.records.insert(line, json.loads(json.dumps(log.at(line))))
         return line + 1, None
@@ -147,7 +147,7 @@ def _twice(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 def _step_later(ms: int, nth: int = 1, **wanted: Json) -> Edit:
     """Delay an expiry and all later events; the verdict names the expiry."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         line = log.find("timer", nth, op="expire", **wanted)
         now = log.at(line)["t_ms"]
         for record in log.records[line - 1 :]:
@@ -163,34 +163,34 @@ def _step_later(ms: int, nth: int = 1, **wanted: Json) -> Edit:
 def _raw(change: Callable[[list[bytes]], tuple[int, bytes]]) -> Edit:
     """Edit the lines as bytes."""
 
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         return change([_line(record) for record in log.records])
 
     return edit
 
 
 def _header(**change: Json) -> Edit:
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         log.records[0] |= change
         return 1 if "schema" in change else 0, None
 
     return edit
 
 
-def _lost(log: Log) -> tuple[int, bytes | None]:
+def _lost(log: EditedLog) -> tuple[int, bytes | None]:
     log.records[-1]["lost_records"] = 5
     return 0, None
 
 
 def _seq(change: int) -> Edit:
-    def edit(log: Log) -> tuple[int, bytes | None]:
+    def edit(log: EditedLog) -> tuple[int, bytes | None]:
         log.records[9]["seq"] += change
         return 10, log.as_it_is()
 
     return edit
 
 
-def _back(log: Log) -> tuple[int, bytes | None]:
+def _back(log: EditedLog) -> tuple[int, bytes | None]:
     log.records[20]["t_ms"] = log.records[19]["t_ms"] - 1
     return 21, log.as_it_is()
 
@@ -199,7 +199,7 @@ def _cut(lines: list[bytes]) -> tuple[int, bytes]:
     return 0, b"".join(lines[:-1]) + lines[-1][:20]
 
 
-def _busy_accepted(log: Log) -> tuple[int, bytes | None]:
+def _busy_accepted(log: EditedLog) -> tuple[int, bytes | None]:
     line = log.find("send", type="Acceptance", reason="busy")
     message = log.at(line)["message"]
     del message["reason"]
@@ -207,7 +207,7 @@ def _busy_accepted(log: Log) -> tuple[int, bytes | None]:
     return line, None
 
 
-def _malformed(log: Log) -> tuple[int, bytes | None]:
+def _malformed(log: EditedLog) -> tuple[int, bytes | None]:
     line = log.find("receive", type="Prescription")
     record = log.at(line)
     record["message"]["v"] = 2
@@ -216,7 +216,7 @@ def _malformed(log: Log) -> tuple[int, bytes | None]:
     return line + 1, None
 
 
-def _forged_content(log: Log) -> tuple[int, bytes | None]:
+def _forged_content(log: EditedLog) -> tuple[int, bytes | None]:
     line = log.find("receive", type="Prescription")
     told = log.at(log.find("indication", name="verify"))["indication"]["prescription"]
     for prescription in (log.at(line)["message"], told):
@@ -360,7 +360,7 @@ def bad_logs(bases: Mapping[str, bytes]) -> Iterator[Bad]:
     Raises LookupError if a base does not contain the line to edit.
     """
     for name, base, story, edit, verdict, rule, beside in SEEDS:
-        log = Log(bases[base])
+        log = EditedLog(bases[base])
         line, text = edit(log)
         yield Bad(
             name,
@@ -391,7 +391,7 @@ def bases_among(logs: Sequence[bytes]) -> dict[str, bytes]:
             if name in found:
                 continue
             try:
-                Log(text).find(ev, **fields)
+                EditedLog(text).find(ev, **fields)
             except LookupError:
                 continue
             found[name] = text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from automcm_maintenance.corpus.corpus import COVERAGE, WALKED, Entry, index
+from automcm_maintenance.corpus.corpus import COVERAGE, WALKED, CorpusEntry, index
 from automcm_spec.model_checking import models
 
 VERDICTS = {
@@ -82,7 +82,7 @@ RUNS = """
 def page(corpus: Path) -> str:
     """The page of the corpus on disk."""
     entries = index(corpus)
-    by_kind: dict[str, list[Entry]] = {}
+    by_kind: dict[str, list[CorpusEntry]] = {}
     for entry in entries:
         by_kind.setdefault(entry.file.split("/")[0], []).append(entry)
     out = [HEAD.format(logs=f"{len(entries):,}"), *_walked(corpus, by_kind.get("behaviours", []))]
@@ -102,7 +102,7 @@ def page(corpus: Path) -> str:
     return "".join(out)
 
 
-def _walked(corpus: Path, entries: list[Entry]) -> list[str]:
+def _walked(corpus: Path, entries: list[CorpusEntry]) -> list[str]:
     counts = json.loads((corpus / COVERAGE).read_text())
     rows = []
     total = [0, 0, 0, 0]
@@ -118,9 +118,9 @@ def _walked(corpus: Path, entries: list[Entry]) -> list[str]:
     return rows
 
 
-def _short(entry: Entry) -> str:
+def _short(entry: CorpusEntry) -> str:
     return entry.file.split("/", 1)[1]
 
 
-def _verdict_cells(entry: Entry) -> str:
+def _verdict_cells(entry: CorpusEntry) -> str:
     return f"{VERDICTS[entry.verdict]} | {entry.line or ''} | {entry.rule}"

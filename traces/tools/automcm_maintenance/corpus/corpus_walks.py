@@ -94,7 +94,7 @@ def transition(station: int, at: State, value: Input) -> Transition:
 
 
 @dataclass
-class Node:
+class ModelNode:
     """A state of the model: the stations, the radio, the inputs and the next states.
 
     ``idle`` are the inputs without effect.
@@ -113,18 +113,18 @@ class Node:
         return self._known[key]
 
 
-class Graph:
+class ModelGraph:
     """The graph of a closed model, as printed by TLC.  Node 0 is the initial state."""
 
     def __init__(self, model: Model, tla: Path = TLA) -> None:
         self.model = model
         self.cfg = model.config
-        self.nodes: dict[int, Node] = {}
+        self.nodes: dict[int, ModelNode] = {}
         self._inputs: dict[str, Key] = {}
         self._by_view: dict[str, int] = {}
         self._steps: list[tuple[int, Key, str]] = []
         self._open: tuple[Any, ...] = ()
-        self._node = Node({}, frozenset())
+        self._node = ModelNode({}, frozenset())
         self._run(tla)
         for source, key, view in self._steps:
             self.nodes[source].steps[key] = self._by_view[view]
@@ -270,14 +270,14 @@ def _way(came: dict[int, tuple[int, Key, int] | None], n: int) -> Walk:
     return way[::-1]
 
 
-def _node(line: str) -> Node:
+def _node(line: str) -> ModelNode:
     text = tla_values.parse(line)
     assert isinstance(text, str)
     parsed: Any = tla_values.parse(text)
     stations, net, *_ = parsed[0]
     st = {s: tlc_simulation.state(value) for s, value in enumerate(stations, 1)}
     messages = frozenset(behaviour_to_log.plain(Message(**m)) for m in net)
-    return Node(st, messages)
+    return ModelNode(st, messages)
 
 
 def _pair(value: Any) -> tuple[int, Any]:
