@@ -58,10 +58,10 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/pytest -q -n 0 conformance/tests/adapter/test_new_adapter.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
-# Fails each system call of a station in each phase (docs/faults.md), then runs 20 stations with
+# Fails each system call of a station in each phase, then runs 20 stations with
 # random faults for 30 minutes.
 test-faults: ready
-	@$(BIN)/python conformance/tests/faults.py --write docs/faults.md
+	@$(BIN)/python conformance/tests/faults.py --write conformance/faults.json
 	@$(BIN)/python conformance/tests/soak.py $(ARGS)
 
 # Exploration of stations with two faults each: it must find and shorten them in a minute each.

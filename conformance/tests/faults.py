@@ -1,6 +1,6 @@
 """Every system call of a station made to fail, in every phase: what its peer notices, and when.
 
-    python conformance/tests/faults.py [--write PAGE] [--only TEXT] [--jobs N]
+    python conformance/tests/faults.py [--write FILE] [--only TEXT] [--jobs N]
 
 A station (faulty_station.py) and a peer coordinate over UDP.  When the station first enters the
 phase of a cell, a fault begins.  A cell says how the session ended for the peer.  Whatever fails:
@@ -15,14 +15,18 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fault_cell import Cell
 from fault_reasons import WHY
-from faulty_station import FAULTS, JUMP_S
+from faulty_station import FAULTS
+
+from automcm_maintenance.documents import faults_page
 
 RETRIES = 2
 PHASES = (
@@ -65,72 +69,35 @@ async def matrix(faults: Sequence[str], jobs: int, folder: Path) -> list[Cell]:
     return cells
 
 
-def page(cells: Sequence[Cell]) -> str:
-    """The matrix in Markdown."""
-    heads = [f"{phase} ({part})" for _, phase, part in PHASES]
-    wide, narrow = [], []
+def results(cells: Sequence[Cell]) -> dict[str, Any]:
+    """What the page shows of the matrix."""
+    shown = {}
     for fault in FAULTS:
         row = [cell for cell in cells if cell.fault == fault]
-        if not row:
-            continue
-        codes = ", ".join(str(code) for code in sorted({c.code for c in row if c.code is not None}))
-        verdicts = ", ".join(sorted({cell.verdict.replace("_", " ") for cell in row}))
-        outcomes = [cell.outcome + ("" if not cell.problems else " **(!)**") for cell in row]
-        if any(outcome != "Fin" for outcome in outcomes):
-            wide.append([fault, *outcomes])
-        narrow.append([fault, codes, verdicts, WHY[fault].text])
-    wide, narrow = _alike(wide), _alike(narrow)
-    lines = [PAGE, *_table(["fault", *heads], wide), "", "## Why", ""]
-    lines += _table(["fault", "exit code", "log", "effect"], narrow)
-    problems = [f"{c.fault}, {c.phase} ({c.part}): {text}" for c in cells for text in c.problems]
-    again = sum(cell.tries > 1 for cell in cells)
-    lines += ["", f"{len(cells)} cells, {again} of them repeated; unexpected: {len(problems)}."]
-    lines += problems
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _alike(rows: list[list[str]]) -> list[list[str]]:
-    """Rows that differ only in their fault as one row."""
-    faults: dict[tuple[str, ...], list[str]] = {}
-    for fault, *rest in rows:
-        faults.setdefault(tuple(rest), []).append(fault)
-    return [["; ".join(names), *rest] for rest, names in faults.items()]
-
-
-def _table(heads: list[str], rows: list[list[str]]) -> list[str]:
-    """A table in Markdown, line by line."""
-    rule = "|---" * len(heads) + "|"
-    return [f"| {' | '.join(heads)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)]
-
-
-PAGE = f"""# Faults of a station
-
-`make test-faults` starts a station and a peer on UDP. When the station enters a phase, the test
-injects a fault, such as a failing system call, and observes the peer. Every fault has an expected
-outcome. The test also checks that:
-
-- the peer does not act longer than D + `t_cam_loss` after the station left or last sent a CAM that
-  names the session (T-2);
-- no CAM names a session that the station has left (ACT-5);
-- the station stops on request, and its log can be read.
-
-The first table shows how the session ended for the peer, by the phase in which the fault began. It
-omits faults after which every session ended with a Fin.
-
-- *Fin*: as if nothing had failed;
-- *Cancel(reason)*: by a Cancel of the station;
-- *end of CAMs*: no CAM that names the session came for `t_cam_loss` (ACT-2);
-- *timer (rule)*: by another timer of the peer, before it acted;
-- *no session*: the station never answered or never asked.
-
-*Time jumps* and *the host sleeps* last {JUMP_S} s. A log diverges where the fault delayed
-a timer or lost a step.
-"""
+        if row:
+            codes = sorted({cell.code for cell in row if cell.code is not None})
+            shown[fault] = {
+                "outcomes": [c.outcome + (" **(!)**" if c.problems else "") for c in row],
+                "codes": ", ".join(map(str, codes)),
+                "log": ", ".join(sorted({cell.verdict.replace("_", " ") for cell in row})),
+                "effect": WHY[fault].text,
+            }
+    return {
+        "phases": [f"{phase} ({part})" for _, phase, part in PHASES],
+        "cells": len(cells),
+        "repeated": sum(cell.tries > 1 for cell in cells),
+        "problems": [
+            f"{c.fault}, {c.phase} ({c.part}): {text}" for c in cells for text in c.problems
+        ],
+        "faults": shown,
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", type=Path, help="write the page here")
+    parser.add_argument(
+        "--write", type=Path, help="write the results here, from which the page is built"
+    )
     parser.add_argument("--only", default="", help="only faults whose name has this in it")
     parser.add_argument("--jobs", type=int, default=4, help="cells at a time")
     parser.add_argument("--keep", type=Path, help="keep the logs in this new folder")
@@ -140,10 +107,10 @@ def main() -> None:
         folder = chosen.keep or Path(temporary)
         folder.mkdir(exist_ok=True, parents=True)
         cells = asyncio.run(matrix(faults, chosen.jobs, folder))
-    text = page(cells)
+    found = results(cells)
     if chosen.write:
-        chosen.write.write_text(text)
-    print(text)
+        chosen.write.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n")
+    print(faults_page.markdown(found))
     passed = sum(not cell.problems for cell in cells)
     print(f"{passed} passed, {len(cells) - passed} failed")
     sys.exit(passed < len(cells))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 
 import pytest
 from fault_cell import Cell
 from fault_reasons import WHY
-from faults import PHASES, matrix, page
+from faults import PHASES, matrix, results
 from faulty_station import FAULTS
 
-PAGE = Path(__file__).parents[3] / "docs" / "faults.md"
+from automcm_maintenance.documents import faults_page
+
+FOUND = json.loads(faults_page.RESULTS.read_text(encoding="utf-8"))
 
 
 def test_every_fault_is_explained() -> None:
@@ -19,15 +22,13 @@ def test_every_fault_is_explained() -> None:
 
 
 def test_the_page_has_every_cell_and_none_that_is_unexplained() -> None:
-    lines = [line for line in PAGE.read_text().splitlines() if line.startswith("| ")]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    shown = [fault for row in rows if len(row) == 4 for fault in row[0].split("; ")]
-    assert sorted(shown[1:]) == sorted(FAULTS)
-    wide = [row for row in rows if len(row) > 4][1:]
-    assert all(len(row) == 1 + len(PHASES) and all(row) for row in wide)
-    assert {fault for row in wide for fault in row[0].split("; ")} < set(FAULTS)
-    assert f"{len(FAULTS) * len(PHASES)} cells" in PAGE.read_text()
-    assert "unexpected: 0." in PAGE.read_text() and "(!)" not in PAGE.read_text()
+    assert list(FOUND["faults"]) == list(FAULTS)
+    for fault, shown in FOUND["faults"].items():
+        assert len(shown["outcomes"]) == len(PHASES) and all(shown["outcomes"])
+        assert shown["effect"] == WHY[fault].text
+    page = faults_page.markdown(FOUND)
+    assert f"{len(FAULTS) * len(PHASES)} cells" in page
+    assert "unexpected: 0." in page and "(!)" not in page
 
 
 def test_end_1_a_cell_in_which_the_acting_prescriber_is_told_to_stop(
@@ -37,7 +38,7 @@ def test_end_1_a_cell_in_which_the_acting_prescriber_is_told_to_stop(
     monkeypatch.setattr("faults.PHASES", place)
     (cell,) = asyncio.run(matrix(["SIGTERM"], 1, tmp_path))
     assert (cell.outcome, cell.problems, cell.code) == ("Cancel(abort)", [], 0)
-    assert "Cancel(abort)" in page([cell])
+    assert "| Cancel(abort) |" in faults_page.markdown(results([cell]))
 
 
 def acted(left_s: float, cams: list[tuple[float, bool]], end_s: float, folder: Path) -> Cell:

@@ -20,7 +20,7 @@ def pages() -> dict[str, Callable[[], str]]:
     from automcm_evaluation.sweeps.catalogue import NAMES
     from automcm_maintenance.code_mutation import certificate_page
     from automcm_maintenance.corpus import corpus_page
-    from automcm_maintenance.documents import citations, cli_page, models_page
+    from automcm_maintenance.documents import citations, cli_page, faults_page, models_page
     from automcm_maintenance.spec_mutation import mutate_commands
     from automcm_spec.model_checking import models
 
@@ -32,6 +32,7 @@ def pages() -> dict[str, Callable[[], str]]:
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         "cli.md": cli_page.text,
         "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
+        "faults.md": lambda: faults_page.markdown(_json(faults_page.RESULTS)),
         "index.md": _first_page,
         "models.md": lambda: models_page.models_page(models.load()),
         "mutation.md": lambda: mutate_commands.markdown(_json(mutate_commands.RESULTS)),
