@@ -31,12 +31,12 @@ from automcm_spec.vocabulary.messages import (
     MessageError,
     Natural,
     Positive,
+    Session,
     StationId,
     Trajectory,
     refusal,
     short,
 )
-from automcm_spec.vocabulary.messages import Session as SessionKey
 
 PORT = 9090
 """The default port of rosbridge."""
@@ -71,7 +71,8 @@ class Message(Ros):
 
     def __init_subclass__(cls) -> None:
         """Set topic and type."""
-        cls.topic, cls.type = cls.folder + cls.__name__.lower(), TYPES + cls.__name__
+        name = cls.__name__.removesuffix("Msg")
+        cls.topic, cls.type = cls.folder + name.lower(), TYPES + name
 
 
 class _Output(Message):
@@ -82,21 +83,21 @@ class _Input(Message):
     folder = IN
 
 
-class Session(Ros):
+class SessionMsg(Ros):
     """A session; 0 and 0 mean no session."""
 
     prescriber: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     number: Natural = 0
 
     @property
-    def key(self) -> SessionKey | None:
+    def key(self) -> Session | None:
         """The session, or None."""
         return (self.prescriber, self.number) if self.prescriber and self.number else None
 
 
-def to_session(session: SessionKey | None) -> Session:
+def to_session(session: Session | None) -> SessionMsg:
     """A session in the bridge's form; number 0 for None."""
-    return Session(prescriber=session[0], number=session[1]) if session else Session()
+    return SessionMsg(prescriber=session[0], number=session[1]) if session else SessionMsg()
 
 
 def stamped(ms: int) -> RosHeader:
@@ -107,13 +108,13 @@ def stamped(ms: int) -> RosHeader:
 # -- from the bridge to the driving software
 
 
-class State(_Output):
+class StateMsg(_Output):
     """The state of the station, also a sign of life of the service."""
 
     station_id: StationId
     phase: Phase
     role: Role
-    session: Session = Session()
+    session: SessionMsg = SessionMsg()
     driver: bool
     """Whether there is a driver."""
     lost_after_ms: Natural
@@ -123,7 +124,7 @@ Length = Annotated[int, Field(ge=-1, le=LIMIT)]
 """A length in mm; -1 if it is unknown."""
 
 
-class Heard(Ros):
+class HeardMsg(Ros):
     """The last CAM of another station, as ``application.Heard``."""
 
     station_id: StationId
@@ -132,14 +133,14 @@ class Heard(Ros):
     y_mm: Integer
     heading_mrad: Integer
     speed_mm_s: Integer
-    marks: list[Session] = Field(default=[], max_length=MAX_NAMED, fail_fast=True)
+    marks: list[SessionMsg] = Field(default=[], max_length=MAX_NAMED, fail_fast=True)
     length_mm: Length = -1
     width_mm: Length = -1
     sigma_mm: Length = -1
     in_step: bool = True
 
     @classmethod
-    def of(cls, heard: application.Heard, session: SessionKey | None) -> Heard:
+    def of(cls, heard: application.Heard, session: Session | None) -> HeardMsg:
         """The form of the bridge, with the mark of ``session``, the station's own, first."""
         given = {field.name: getattr(heard, field.name) for field in fields(heard)}
         known = {name: value for name, value in given.items() if value is not None}
@@ -160,17 +161,17 @@ class Heard(Ros):
 _LENGTHS = ("length_mm", "width_mm", "sigma_mm")
 
 
-class Surroundings(_Output):
+class SurroundingsMsg(_Output):
     """The stations that the service has heard lately, the last one last (APP-1)."""
 
-    heard: list[Heard] = Field(max_length=NEIGHBOURS, fail_fast=True)
+    heard: list[HeardMsg] = Field(max_length=NEIGHBOURS, fail_fast=True)
 
 
-class Drive(_Output):
+class DriveMsg(_Output):
     """The current mode: ``coordinated`` with ``selected``, or ``alone`` with the last reason."""
 
     mode: Literal["coordinated", "alone"]
-    session: Session = Session()
+    session: SessionMsg = SessionMsg()
     reason: Note = ""
     role: Role = "none"
     selected: AutowareTrajectory = NO_TRAJECTORY
@@ -178,7 +179,7 @@ class Drive(_Output):
     until: Time = Time()
 
     @classmethod
-    def of(cls, maneuver: application.AgreedManeuver, now: int) -> Drive:
+    def of(cls, maneuver: application.AgreedManeuver, now: int) -> DriveMsg:
         """The message to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
@@ -190,7 +191,7 @@ class Drive(_Output):
             until=to_time(maneuver.until_ms),
         )
 
-    def drive(self, session: SessionKey) -> application.AgreedManeuver:
+    def drive(self, session: Session) -> application.AgreedManeuver:
         """The value in the application's form.  Raises ValueError."""
         selected = trajectory(self.selected, "selected")
         return application.AgreedManeuver(
@@ -198,24 +199,24 @@ class Drive(_Output):
         )
 
 
-class Planned(Ros):
+class PlannedMsg(Ros):
     """The planned trajectory of one station."""
 
     station_id: StationId
     trajectory: AutowareTrajectory
 
 
-class Choice(_Output):
+class ChoiceMsg(_Output):
     """The question which target to prescribe which trajectory."""
 
-    session: Session
+    session: SessionMsg
     proposal: Positive
-    planned: list[Planned] = Field(default_factory=list)
+    planned: list[PlannedMsg] = Field(default_factory=list)
     target: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     reason: Note = ""
 
     @classmethod
-    def of(cls, choice: application.Choice, now: int) -> Choice:
+    def of(cls, choice: application.Choice, now: int) -> ChoiceMsg:
         """The message to the driving software; ``now`` in ms."""
         if sum(len(t.points) for t in choice.planned.values()) > MAX_PLANNED:
             raise MessageError(f"planned: more than {MAX_PLANNED} points")
@@ -224,30 +225,30 @@ class Choice(_Output):
             session=to_session(choice.session),
             proposal=choice.proposal,
             planned=[
-                Planned(station_id=station, trajectory=to_trajectory(t, f"planned.{station}"))
+                PlannedMsg(station_id=station, trajectory=to_trajectory(t, f"planned.{station}"))
                 for station, t in choice.planned.items()
             ],
             target=choice.target,
             reason=choice.reason,
         )
 
-    def choice(self, session: SessionKey) -> application.Choice:
+    def choice(self, session: Session) -> application.Choice:
         """The value in the application's form.  Raises ValueError."""
         planned = {p.station_id: trajectory(p.trajectory, "planned") for p in self.planned}
         return application.Choice(session, self.proposal, planned, self.target, self.reason)
 
 
-class Proposal(_Output):
+class ProposalMsg(_Output):
     """The question whether a prescribed trajectory is safe."""
 
-    session: Session
+    session: SessionMsg
     proposal: Positive
     prescribed: AutowareTrajectory
     hold_ms: Annotated[Duration, Field(ge=0)]
     lease_ms: Annotated[Duration, Field(ge=1)]
 
     @classmethod
-    def of(cls, proposal: application.Proposal, now: int) -> Proposal:
+    def of(cls, proposal: application.Proposal, now: int) -> ProposalMsg:
         """The message to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
@@ -258,16 +259,16 @@ class Proposal(_Output):
             lease_ms=proposal.lease_ms,
         )
 
-    def asked(self, session: SessionKey) -> application.Proposal:
+    def asked(self, session: Session) -> application.Proposal:
         """The value in the application's form.  Raises ValueError."""
         prescribed = trajectory(self.prescribed, "prescribed")
         return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
 
 
-class Advertised(_Output):
+class AdvertisedMsg(_Output):
     """A maneuver that another station plans."""
 
-    session: Session
+    session: SessionMsg
     scenario: str
     details: Details
     planned: AutowareTrajectory = NO_TRAJECTORY
@@ -275,7 +276,7 @@ class Advertised(_Output):
     """Whether the station joins because of an existing plan."""
 
     @classmethod
-    def of(cls, advertised: application.Advertised, concerned: bool, now: int) -> Advertised:
+    def of(cls, advertised: application.Advertised, concerned: bool, now: int) -> AdvertisedMsg:
         """The message to the driving software; ``now`` in ms."""
         planned = advertised.planned
         return cls(
@@ -287,13 +288,13 @@ class Advertised(_Output):
             concerned=concerned,
         )
 
-    def advertised(self, session: SessionKey) -> application.Advertised:
+    def advertised(self, session: Session) -> application.Advertised:
         """The value in the application's form.  Raises ValueError."""
         planned = trajectory(self.planned, "planned") if self.planned.points else None
         return application.Advertised(session, self.scenario, self.details, planned)
 
 
-class Refused(_Output):
+class RefusedMsg(_Output):
     """A command was refused by ``rule``."""
 
     command: Note
@@ -310,14 +311,14 @@ class OdometryIn(Odometry):
     type: ClassVar[str] = "nav_msgs/msg/Odometry"
 
 
-class Plan(_Input):
+class PlanMsg(_Input):
     """The vehicle's plan for these scenarios; without points they do not concern it."""
 
     scenarios: list[Scenario] = Field(max_length=MAX_SCENARIOS, fail_fast=True)
     trajectory: AutowareTrajectory
 
 
-class Request(_Input):
+class RequestMsg(_Input):
     """Open a session (ADV-1)."""
 
     scenario: Scenario
@@ -332,26 +333,26 @@ class Request(_Input):
 
 
 class _OfSession(_Input):
-    session: Session
+    session: SessionMsg
 
     @property
-    def key(self) -> SessionKey:
+    def key(self) -> Session:
         """The session.  Raises MessageError without one."""
         if (session := self.session.key) is None:
             raise MessageError("msg.session: a session is required")
         return session
 
     def command(self) -> commands.Command:
-        """The command with the same name; not for ``Accept``, which has no trajectory.
+        """The command with the same name; not for ``AcceptMsg``, which has no trajectory.
 
         Raises ValueError.
         """
         fields = {name: value for name, value in self if name not in ("header", "session")}
-        made: commands.Command = getattr(commands, type(self).__name__)(session=self.key, **fields)
-        return made
+        fields |= {"name": self.topic.removeprefix(IN), "session": self.key}
+        return commands.COMMAND.validate_python(fields)
 
 
-class Prescribe(_OfSession):
+class PrescribeMsg(_OfSession):
     """The choice of a target, or the next proposal to it (PRE-2, NEG-7)."""
 
     proposal: Positive
@@ -372,31 +373,31 @@ class Prescribe(_OfSession):
         )
 
 
-class Close(_OfSession):
+class CloseMsg(_OfSession):
     """Close the advertising window before its time (ADV-9)."""
 
 
-class Proceed(_OfSession):
+class ProceedMsg(_OfSession):
     """No vehicle is in the way (PRE-3)."""
 
 
-class Accept(_OfSession):
+class AcceptMsg(_OfSession):
     """The proposal is safe (NEG-2); the selected trajectory is the prescribed one."""
 
     proposal: Positive
 
 
-class Refuse(_OfSession):
+class RefuseMsg(_OfSession):
     """The proposal is not safe (NEG-3)."""
 
     proposal: Positive
 
 
-class Complete(_OfSession):
+class CompleteMsg(_OfSession):
     """The prescriber has finished its maneuver (ACT-3)."""
 
 
-class Abort(_OfSession):
+class AbortMsg(_OfSession):
     """Break off (END-1)."""
 
 
@@ -405,13 +406,13 @@ def of_command(command: commands.Command) -> Input:
     match command:
         case commands.Request():
             planned = command.planned
-            return Request(
+            return RequestMsg(
                 scenario=command.scenario,
                 details=command.details,
                 planned=NO_TRAJECTORY if planned is None else to_trajectory(planned, "planned"),
             )
         case commands.Prescribe():
-            return Prescribe(
+            return PrescribeMsg(
                 session=to_session(command.session),
                 proposal=command.proposal,
                 target=command.target,
@@ -423,17 +424,25 @@ def of_command(command: commands.Command) -> Input:
             fields: dict[str, Any] = {"session": to_session(command.session)}
             if isinstance(command, commands.Accept | commands.Refuse):
                 fields["proposal"] = command.proposal
-            return read(_BY_NAME[command.name], fields)
+            return read(INPUTS[IN + command.name], fields)
 
 
 Input = (
-    OdometryIn | Plan | Request | Close | Prescribe | Proceed | Accept | Refuse | Complete | Abort
+    OdometryIn
+    | PlanMsg
+    | RequestMsg
+    | CloseMsg
+    | PrescribeMsg
+    | ProceedMsg
+    | AcceptMsg
+    | RefuseMsg
+    | CompleteMsg
+    | AbortMsg
 )
-Output = State | Surroundings | Drive | Choice | Proposal | Advertised | Refused
+Output = (
+    StateMsg | SurroundingsMsg | DriveMsg | ChoiceMsg | ProposalMsg | AdvertisedMsg | RefusedMsg
+)
 INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
-_BY_NAME: dict[str, type[Close | Proceed | Accept | Refuse | Complete | Abort]] = {
-    c.__name__.lower(): c for c in (Close, Proceed, Accept, Refuse, Complete, Abort)
-}
 OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}
 
 # -- the envelope

@@ -282,9 +282,9 @@ class WebSocketBridge:
             case ros.OdometryIn():
                 self._kinematics, self._kinematics_ms = content
                 self._missed = None
-            case ros.Plan():
+            case ros.PlanMsg():
                 self._keep(message.scenarios, content)
-            case ros.Accept():
+            case ros.AcceptMsg():
                 self._accept(message)
             case _:
                 self._command(content)
@@ -299,12 +299,12 @@ class WebSocketBridge:
                     at_ms = message.header.stamp.ms or now
                     _check_age(now - at_ms, application.CURRENT_MS, "msg")
                     return autoware.kinematics(message), at_ms
-                case ros.Plan():
+                case ros.PlanMsg():
                     return self._own(message.trajectory, "msg.trajectory", now)
-                case ros.Request():
+                case ros.RequestMsg():
                     own = self._own(message.planned, "msg.planned", now)
                     return message.command(own and own[0])
-                case ros.Accept():
+                case ros.AcceptMsg():
                     return message.key
             return message.command()
         except ValidationError as error:
@@ -333,7 +333,7 @@ class WebSocketBridge:
         while len(self._plans) > ros.MAX_SCENARIOS:
             self._plans.popitem(last=False)
 
-    def _accept(self, message: ros.Accept) -> None:
+    def _accept(self, message: ros.AcceptMsg) -> None:
         asked = self._question
         if isinstance(asked, application.Proposal) and (asked.session, asked.proposal) == (
             message.key,
@@ -376,15 +376,15 @@ class WebSocketBridge:
     def _send_again(self, client: _Client, topic: str) -> None:
         """Send a new subscriber the current messages (like ROS's transient local)."""
         self._look("left")
-        if topic == ros.State.topic:
+        if topic == ros.StateMsg.topic:
             client.outbox.put(self._state())
-        elif topic == ros.Surroundings.topic:
+        elif topic == ros.SurroundingsMsg.topic:
             client.outbox.put(self._surroundings())
-        elif topic == ros.Drive.topic:
+        elif topic == ros.DriveMsg.topic:
             client.outbox.put(self._drive)
         elif self._question is not None and self._is_open():
             asks_choice = isinstance(self._question, application.Choice)
-            if topic == (ros.Choice if asks_choice else ros.Proposal).topic:
+            if topic == (ros.ChoiceMsg if asks_choice else ros.ProposalMsg).topic:
                 client.outbox.put(self._asked)
 
     def _is_open(self) -> bool:
@@ -399,7 +399,7 @@ class WebSocketBridge:
     def _state(self) -> str:
         st, service = self._service.state, self._service
         return ros.publication(
-            ros.State(
+            ros.StateMsg(
                 header=ros.stamped(service.now()),
                 station_id=service.station_id,
                 phase=st.phase,
@@ -412,12 +412,12 @@ class WebSocketBridge:
 
     def _surroundings(self) -> str:
         service = self._service
-        heard = [ros.Heard.of(each, service.state.session) for each in service.heard()]
-        return ros.publication(ros.Surroundings(header=ros.stamped(service.now()), heard=heard))
+        heard = [ros.HeardMsg.of(each, service.state.session) for each in service.heard()]
+        return ros.publication(ros.SurroundingsMsg(header=ros.stamped(service.now()), heard=heard))
 
     def _show_surroundings(self) -> None:
-        if any(ros.Surroundings.topic in client.topics for client in self._clients):
-            self._publish(ros.Surroundings.topic, self._surroundings())
+        if any(ros.SurroundingsMsg.topic in client.topics for client in self._clients):
+            self._publish(ros.SurroundingsMsg.topic, self._surroundings())
 
     def _show(self, always: bool = False) -> None:
         """Publish the state if it has changed, or ``always``."""
@@ -425,15 +425,15 @@ class WebSocketBridge:
         shown = (st.phase, st.role, st.session, self._role.driver is not None)
         if always or shown != self._shown:
             self._shown = shown
-            self._publish(ros.State.topic, self._state())
+            self._publish(ros.StateMsg.topic, self._state())
 
     def _alone(self, session: Session | None, reason: str) -> None:
         self._ended = session
         over = ros.to_session(session)
         header = ros.stamped(self._service.now())
-        message = ros.Drive(header=header, mode="alone", session=over, reason=reason)
+        message = ros.DriveMsg(header=header, mode="alone", session=over, reason=reason)
         self._drive = ros.publication(message)
-        self._publish(ros.Drive.topic, self._drive)
+        self._publish(ros.DriveMsg.topic, self._drive)
         self._show()
 
     # -- the application interface
@@ -490,7 +490,7 @@ class WebSocketBridge:
             planned = None
         if not self._service.state.bound:
             try:
-                message = ros.Advertised.of(advertised, planned is not None, now)
+                message = ros.AdvertisedMsg.of(advertised, planned is not None, now)
             except ValueError:  # its trajectory fits no message
                 return planned
             self._publish(message.topic, ros.publication(message))
@@ -499,11 +499,11 @@ class WebSocketBridge:
     def choose(self, choice: application.Choice) -> None:
         """Ask the driving software, after it got the surroundings (APP-1)."""
         self._show_surroundings()
-        self._ask(choice, ros.Choice.of)
+        self._ask(choice, ros.ChoiceMsg.of)
 
     def verify(self, proposal: application.Proposal) -> None:
         """Ask the driving software."""
-        self._ask(proposal, ros.Proposal.of)
+        self._ask(proposal, ros.ProposalMsg.of)
 
     def _ask(self, question: Any, of: Any) -> None:
         self._question, self._asked = None, ""
@@ -525,11 +525,11 @@ class WebSocketBridge:
     def load(self, maneuver: application.AgreedManeuver) -> None:
         """Publish the agreed maneuver."""
         try:
-            self._drive = ros.publication(ros.Drive.of(maneuver, self._service.now()))
+            self._drive = ros.publication(ros.DriveMsg.of(maneuver, self._service.now()))
         except ValueError:
             self._give_up(maneuver.session, "unreadable")
             return
-        self._publish(ros.Drive.topic, self._drive)
+        self._publish(ros.DriveMsg.topic, self._drive)
         self._show()
 
     def fallback(self, session: Session, reason: str) -> None:
@@ -542,7 +542,9 @@ class WebSocketBridge:
 
     def refused(self, command: str, rule: str) -> None:
         """Publish the refused command and the rule."""
-        message = ros.Refused(header=ros.stamped(self._service.now()), command=command, rule=rule)
+        message = ros.RefusedMsg(
+            header=ros.stamped(self._service.now()), command=command, rule=rule
+        )
         self._publish(message.topic, ros.publication(message))
 
 

@@ -185,7 +185,7 @@ class RemoteApplication:
     def _plan(self, advertised: Advertised) -> None:
         planned: Trajectory | None = self._application.concerned(advertised)
         form = NO_TRAJECTORY if planned is None else to_trajectory(planned)
-        self._publish(ros.Plan(scenarios=[advertised.scenario], trajectory=form))
+        self._publish(ros.PlanMsg(scenarios=[advertised.scenario], trajectory=form))
 
     # -- the service, for the application
 
@@ -238,7 +238,7 @@ class RemoteApplication:
                 return
             self._received_ms = self._clock.now()
             message = ros.read(model, fields.get("msg"))
-            if isinstance(message, ros.State):
+            if isinstance(message, ros.StateMsg):
                 if not self.connected.is_set():
                     # The router may have restarted, and its clock with it.
                     self._time, self._heard = 0, None
@@ -247,14 +247,14 @@ class RemoteApplication:
                 if not self.connected.is_set():  # the first: the service's clock is known from now
                     self.connected.set()
                     self._publish_present()
-            elif isinstance(message, ros.Surroundings):
+            elif isinstance(message, ros.SurroundingsMsg):
                 self._heard = tuple(each.value() for each in message.heard)
                 self._heard_ms = self._received_ms
-            elif isinstance(message, ros.Refused):
+            elif isinstance(message, ros.RefusedMsg):
                 self._application.refused(message.command, message.rule)
             elif (session := message.session.key) is not None:
                 self._of_session(message, session)
-            elif isinstance(message, ros.Drive):
+            elif isinstance(message, ros.DriveMsg):
                 self._forget_loaded()  # the router has restarted
         except MessageError as error:
             if self._outbox is not None:
@@ -262,22 +262,22 @@ class RemoteApplication:
 
     def _of_session(self, message: Any, session: Session) -> None:
         match message:
-            case ros.Advertised():
+            case ros.AdvertisedMsg():
                 self._plan(message.advertised(session))
-            case ros.Choice():
+            case ros.ChoiceMsg():
                 choice = message.choice(session)
                 if self._is_new(session, choice.proposal):
                     self._application.choose(replace(choice, heard=self.heard()))
-            case ros.Proposal():
+            case ros.ProposalMsg():
                 proposal = message.asked(session)
                 if self._is_new(session, proposal.proposal):
                     self._application.verify(proposal)
-            case ros.Drive(mode="coordinated"):
+            case ros.DriveMsg(mode="coordinated"):
                 try:
                     self._coordinated(message.drive(session))
                 except MessageError:
                     self._fall_back(session)
-            case ros.Drive():
+            case ros.DriveMsg():
                 self._alone(session, message.reason)
 
     def _is_new(self, session: Session, proposal: int) -> bool:

@@ -160,20 +160,22 @@ HEARD = st.builds(
 
 @given(st.lists(HEARD, max_size=3))
 def test_what_was_heard_comes_back_as_it_was(all_: list[Heard]) -> None:
-    message = ros.Surroundings(heard=[ros.Heard.of(each, None) for each in all_])
-    again = ros.read(ros.Surroundings, json.loads(ros.publication(message))["msg"])
+    message = ros.SurroundingsMsg(heard=[ros.HeardMsg.of(each, None) for each in all_])
+    again = ros.read(ros.SurroundingsMsg, json.loads(ros.publication(message))["msg"])
     assert [each.value() for each in again.heard] == all_
 
 
 def test_it_has_every_field_of_the_application() -> None:
     names = [field.name for field in fields(Heard)]
-    assert [name.replace("received_ms", "received") for name in names] == [*ros.Heard.model_fields]
+    assert [name.replace("received_ms", "received") for name in names] == [
+        *ros.HeardMsg.model_fields
+    ]
 
 
 def test_of_many_marks_those_are_passed_on_that_decide() -> None:
     own, others = (1, 7), tuple((9, n) for n in range(1, 100))
     for marks in ((*others, own), others, (own,)):
-        short = ros.Heard.of(heard(marks=marks), own).value()
+        short = ros.HeardMsg.of(heard(marks=marks), own).value()
         assert len(short.marks) <= ros.MAX_NAMED
         assert (own in short.marks) == (own in marks)
         for session in (own, None, (2, 2)):
@@ -192,7 +194,7 @@ def test_of_many_marks_those_are_passed_on_that_decide() -> None:
 )
 def test_nonsense_is_refused(msg: Any, problem: str) -> None:
     with pytest.raises(MessageError, match=problem):
-        ros.read(ros.Surroundings, msg)
+        ros.read(ros.SurroundingsMsg, msg)
 
 
 @pytest.mark.parametrize(
@@ -210,12 +212,12 @@ def test_nonsense_is_refused(msg: Any, problem: str) -> None:
 def test_malformed_surroundings_change_nothing_and_are_answered(wrong: dict[str, Any]) -> None:
     _, bridge, drive = bridged_drive(LaneChange(car(3, -3)))
     drive.run(1)
-    good = ros.Heard.of(heard(), None).model_dump()
+    good = ros.HeardMsg.of(heard(), None).model_dump()
     before, statuses = bridge.far.heard(), list[str]()
     bridge.far._outbox = SimpleNamespace(put=statuses.append)  # type: ignore[assignment]
     for entries in ([good | wrong], [good] * (NEIGHBOURS + 1)):
         bridge.far._take(
-            ros.operation(op="publish", topic=ros.Surroundings.topic, msg={"heard": entries})
+            ros.operation(op="publish", topic=ros.SurroundingsMsg.topic, msg={"heard": entries})
         )
     assert len(statuses) == 2 and all('"level":"error"' in each for each in statuses)
     assert bridge.far.heard() == before and len(before or ()) == 1
@@ -224,7 +226,7 @@ def test_malformed_surroundings_change_nothing_and_are_answered(wrong: dict[str,
 def test_as_many_as_are_remembered_fit_a_message() -> None:
     far, marks = LIMIT, tuple((2**32 - 1, LIMIT - n) for n in range(255))
     most = heard(x_mm=-far, y_mm=-far, heading_mrad=-far, speed_mm_s=-far, marks=marks)
-    message = ros.Surroundings(heard=[ros.Heard.of(most, (1, 1))] * NEIGHBOURS)
+    message = ros.SurroundingsMsg(heard=[ros.HeardMsg.of(most, (1, 1))] * NEIGHBOURS)
     assert len(ros.publication(message)) < ros.MAX_OUT / 16
 
 
@@ -243,7 +245,7 @@ def test_before_the_first_message_nothing_is_known_of_the_surroundings() -> None
 
 
 def test_nobody_subscribed_nothing_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros.Heard, "of", None)
+    monkeypatch.setattr(ros.HeardMsg, "of", None)
     simulation = Simulation()
     simulation.add(BRIDGED, WebSocketBridge())
     simulation.add(3, LaneChange(car(3, -3)))
@@ -260,7 +262,7 @@ def test_a_new_connection_forgets_the_surroundings_and_gets_them_at_once() -> No
     bridge.far.connected.clear()
     bridge.far._take(bridge._state())
     assert bridge.far.heard() is None
-    topic = ros.Surroundings.topic
+    topic = ros.SurroundingsMsg.topic
     bridge._take(bridge.near.client, ros.operation(op="subscribe", topic=topic))
     bridge.far._take(*texts)
     assert [each.station_id for each in bridge.far.heard() or ()] == [3]

@@ -75,7 +75,7 @@ async def test_receiver() -> None:
         drive = await committed(world, it)
         session = {"prescriber": OTHER, "number": 1}
         assert drive["session"] == session and drive["role"] == "receiver"
-        selected = autoware.trajectory(ros.read(ros.Drive, drive).selected)
+        selected = autoware.trajectory(ros.read(ros.DriveMsg, drive).selected)
         assert selected == other.trajectory(70)
         times = [autoware.Time(**drive[name]).ms for name in ("start", "until")]
         assert times[1] - times[0] == other.lease_ms
@@ -294,7 +294,7 @@ def test_an_id_ends_one_subscription(ended: dict[str, str], left: bool) -> None:
     simulation, bridge = Simulation(), WebSocketBridge()
     simulation.add(BRIDGED, bridge)
     it = Operator(bridge)
-    topic = ros.State.topic
+    topic = ros.StateMsg.topic
     for id_ in "ab":
         it.op(op="subscribe", topic=topic, id=id_)
     it.op(op="unsubscribe", topic=topic, **ended)
