@@ -15,7 +15,7 @@ from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
 from automcm.kernels.verify import Limits, verify
-from automcm.links.clock_bounds import bounds, in_step
+from automcm.service.clock_offsets import bounds, in_step
 from automcm_simulation.radio import success
 from automcm_spec.support.extras import MissingExtra
 

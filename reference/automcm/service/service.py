@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from logging import getLogger
 from operator import attrgetter
@@ -20,7 +20,6 @@ from automcm.core.state import State
 from automcm.core.station import Effects, Station
 from automcm.encoding.codec import JSON, Codec
 from automcm.links.clock import Cancel, Clock
-from automcm.links.clock_bounds import WINDOW_MS
 from automcm.links.link import Link
 from automcm.service import event_log
 from automcm.service.application import (
@@ -34,7 +33,7 @@ from automcm.service.application import (
     Proposal,
     check_methods,
 )
-from automcm.service.clock_offsets import ClockOffsets, OutOfStep
+from automcm.service.clock_offsets import WINDOW_MS, ClockOffsets, OutOfStep
 from automcm.service.statistics import Statistics
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.application import (
@@ -407,14 +406,8 @@ class McService:
         cam = Cam(
             src=self.station_id,
             generation_ms=now,
-            x_mm=at.x_mm,
-            y_mm=at.y_mm,
-            heading_mrad=at.heading_mrad,
-            speed_mm_s=at.speed_mm_s,
             marks=self._marks(self.state),
-            length_mm=at.length_mm,
-            width_mm=at.width_mm,
-            sigma_mm=at.sigma_mm,
+            **asdict(at),
         )
         errors: list[Exception] = []
         tx = self._send(cam, errors)

@@ -11,11 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from automcm.encoding.codec import JSON
-from automcm.links.clock_bounds import Bounds, bounds, in_step
 from automcm.links.simulated_radio import Channel
 from automcm.links.udp_link import UdpLink
 from automcm.service.application import Choice, Proposal
-from automcm.service.clock_offsets import CAMS, ClockOffsets
+from automcm.service.clock_offsets import CAMS, Bounds, ClockOffsets, bounds, in_step
 from automcm.service.service import McService
 from automcm.service.station_process import StationProcess
 from automcm_simulation.road.simulation import Simulation

@@ -14,10 +14,10 @@ from html import escape
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Receive, Send
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, Arrow
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Merged, Node
 
 COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160

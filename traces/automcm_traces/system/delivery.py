@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, same
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.fates import (
     ANYONE,
     Arrow,
@@ -20,6 +19,7 @@ from automcm_traces.system.fates import (
     sender_of,
     source_of,
 )
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Merged, Node, receptions, sends
 
 OUTCOMES: tuple[Fate, ...] = (

@@ -17,7 +17,7 @@ from automcm_spec.log_format.log import Header, Send, transmission
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Node
 
 Fate = Literal[

@@ -18,7 +18,7 @@ from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import DEFAULTS
-from automcm_traces.system.clock_offsets import Span
+from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.timeline import Period, Session, Timeline, session_of
 from automcm_traces.system.world import World
 

@@ -19,7 +19,6 @@ from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.log_format.reader import Notice, records
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.system.clock_offsets import Clocks, Travels
 from automcm_traces.system.fates import (
     ANYONE,
     Arrow,
@@ -29,6 +28,7 @@ from automcm_traces.system.fates import (
     sender_of,
     source_of,
 )
+from automcm_traces.system.log_clocks import Clocks, Travels
 from automcm_traces.system.log_merge import content
 
 NO_TX = 2**64 - 1

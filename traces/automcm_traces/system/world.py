@@ -15,8 +15,8 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.system.clock_offsets import Clocks, Span
 from automcm_traces.system.delivery import Deliveries, Forged
+from automcm_traces.system.log_clocks import Clocks, Span
 from automcm_traces.system.log_merge import Merged, merge
 from automcm_traces.system.timeline import (
     Moment,

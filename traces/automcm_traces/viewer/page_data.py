@@ -17,9 +17,9 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import FATES
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare

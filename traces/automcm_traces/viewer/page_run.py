@@ -16,7 +16,7 @@ from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
 from automcm_traces.explain.explain import Explained, Verdict, explained, together, verdicts
-from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
 from automcm_traces.viewer.page_follow import StateHistory, States

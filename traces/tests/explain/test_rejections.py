@@ -15,8 +15,8 @@ from automcm_traces.explain.explain import Verdict, explain_file, explain_files,
 from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.explain.rejections import CAUSES, QUESTIONS, cause_of
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer.page_data import as_dict, load

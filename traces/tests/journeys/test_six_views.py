@@ -30,9 +30,9 @@ from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.export.mermaid import diagram
 from automcm_traces.export.svg_drawing import drawing
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, FATES
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import merge, receptions
 from automcm_traces.viewer.page_data import as_dict, load
 

@@ -14,9 +14,9 @@ from merged_runs import Run, killed, records, rewritten, without_tx
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import Log, read
-from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries, forged_receptions
 from automcm_traces.system.fates import ANYONE
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import merge
 
 

@@ -13,9 +13,9 @@ from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
-from automcm_traces.system.clock_offsets import Span
 from automcm_traces.system.hazards import Hazard
 from automcm_traces.system.hazards import hazard as hazard_of
+from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.properties import SystemReport, judge
 from automcm_traces.system.world import World
 

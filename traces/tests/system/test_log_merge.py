@@ -11,7 +11,7 @@ from merged_runs import Run, records, rewritten, without_tx
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log, read
-from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import MergeError, merge
 
 

@@ -15,9 +15,9 @@ from automcm_spec.log_format.log import Header
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_traces.export.itf import ItfState, from_itf
-from automcm_traces.system.clock_offsets import Span
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import Hazard, hazard
+from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.properties import (
     accepted,
     acknowledged,
