@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 from bridge_stage import Recorder, World, client
 
 from automcm.bridge import autoware
@@ -39,6 +40,7 @@ def shows(shown: Any, whole: Any) -> bool:
     return bool(shown == whole)
 
 
+@pytest.mark.slow  # in real time
 async def test_the_session_of_the_page() -> None:
     planned: list[Any] = []
 
