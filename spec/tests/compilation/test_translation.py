@@ -171,7 +171,7 @@ def of_tlc(folder: Path) -> dict[int, str]:
     return printed
 
 
-PLAN = compiler.Plan(
+PLAN = compiler.CompilerPlan(
     "Constructs",
     roots={f"E{n}": () for n in range(len(CONSTRUCTS))} | {"Nothing": ()},
     constants={"Limit": INT, "Some": SetOf(INT)},
@@ -314,7 +314,7 @@ def test_what_is_not_in_the_subset_is_named_with_its_line(
     n: int, refused: tuple[Path, bytes]
 ) -> None:
     folder, xml = refused
-    plan = compiler.Plan("Refused", {f"E{n}": ()}, PLAN.constants)
+    plan = compiler.CompilerPlan("Refused", {f"E{n}": ()}, PLAN.constants)
     with pytest.raises(sany.NotCompiled) as caught:
         compiler.source(plan, xml, folder)
     lines = (folder / "Refused.tla").read_text().splitlines()
@@ -333,7 +333,7 @@ def test_an_argument_may_not_take_a_name_that_is_bound_where_it_goes(tmp_path: P
             "G(n) == F(TRUE, IF n = 1 THEN n ELSE 0)\nE == G(1)\n====",
         )
     )
-    plan = compiler.Plan("Captured", {"E": ()}, PLAN.constants)
+    plan = compiler.CompilerPlan("Captured", {"E": ()}, PLAN.constants)
     with pytest.raises(sany.NotCompiled, match=r"Captured\.tla:6: .* a name that is bound there"):
         compiler.source(plan, sany.export("Captured", tmp_path), tmp_path)
 

@@ -40,7 +40,7 @@ PATH = Path(tla_names.__file__).with_name("station.py")
 
 
 @dataclass(frozen=True)
-class Plan:
+class CompilerPlan:
     """What to compile from a module, and the Python names."""
 
     module: str
@@ -60,7 +60,7 @@ class Plan:
     """Operators that another one replaces, as ``X <- Y`` in a cfg."""
 
 
-PLAN = Plan(
+PLAN = CompilerPlan(
     "OpenStation",
     roots={
         "Initial": (),
@@ -98,7 +98,7 @@ def is_fresh() -> bool:
     return PATH.exists() and PATH.read_text(encoding="utf-8") == text()
 
 
-def source(plan: Plan, xml: bytes, tla: Path) -> str:
+def source(plan: CompilerPlan, xml: bytes, tla: Path) -> str:
     """The Python module, unformatted."""
     return _Writer(plan, sany.read(xml), tla).module()
 
@@ -139,7 +139,7 @@ from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm, no_arm
 
 
 class _Writer:
-    def __init__(self, plan: Plan, spec: ParsedModules, tla: Path) -> None:
+    def __init__(self, plan: CompilerPlan, spec: ParsedModules, tla: Path) -> None:
         self.plan = plan
         instead = {
             old: replace(spec.operators[new], name=old, at=spec.operators[old].at)
