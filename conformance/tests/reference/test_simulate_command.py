@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from cli_stage import automcm
 from automcm_cli.reference import traffic_command
 from automcm_evaluation.sweeps import traffic_sweep_command
 from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
-from automcm_maintenance.benches import kernel_bench
 from automcm_simulation.road import figures
 from automcm_simulation.traffic import sumo_mover
 
@@ -109,69 +107,6 @@ def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     assert done.exit_code == 0 and "install automcm[plot]" in done.output
 
 
-@pytest.mark.slow
-def test_bench_station_has_every_figure_beside_a_baseline() -> None:
-    code, said = run("bench", "station", "--seconds", "0.2", "--json", "-")
-    report = json.loads(said)
-    core = report["core"]
-    assert code == 0 and min(core["core_us"], core["lookup_us"], core["decode_us"]) > 0
-    assert sum(each["messages"] for each in core["by_type"].values()) == core["messages"]
-    assert {"Ack", "CAM", "Cancel", "Fin"} < core["by_type"].keys()
-    assert all(min(each.values()) > 0 for each in core["by_type"].values())
-    assert {s["loss"] for s in report["sessions"]} == {0.0, 0.2, 0.6}
-    perfect = [s for s in report["sessions"] if s["loss"] == 0]
-    assert all(s["agreed"] == s["sessions"] for s in perfect)
-    memory = report["memory"]
-    assert memory["stations"] == 1000
-    assert memory["idle"] < memory["waiting"] < memory["acting"] < 100_000
-    assert [c["codec"] for c in report["codings"]] == ["json", "uper"]
-
-
-@pytest.mark.slow
-def test_bench_station_prints_ratios() -> None:
-    code, said = run("bench", "station", "--seconds", "0.2")
-    assert code == 0 and "times that" in said and "bytes a station" in said
-
-
-@pytest.mark.slow
-def test_bench_radio_is_beside_a_coin_for_each_receiver() -> None:
-    code, said = run("bench", "radio", "--seconds", "0.1", "--json", "-")
-    rates = json.loads(said)["rates"]
-    assert code == 0 and [rate["vehicles"] for rate in rates] == [10, 50, 100, 200]
-    assert all(rate["table"] > 0 and rate["coins"] > 0 for rate in rates)
-    receptions = [rate["receptions"] for rate in rates]
-    assert receptions == sorted(set(receptions))
-
-
-@pytest.mark.slow
-def test_bench_security_has_baselines_of_the_same_run() -> None:
-    code, said = run("bench", "security", "--seconds", "0.1", "--json", "-")
-    report = json.loads(said)
-    assert code == 0 and report["certificate"] < 200
-    assert {each["codec"] for each in report["sizes"]} == {"json", "uper"}
-    assert all(0 < each["digest"] < each["certificate"] < 300 for each in report["sizes"])
-    link, alone, bare, _ = report["rates"]
-    assert 0 < link["verifications"] < bare["verifications"]
-    assert 0 < alone["signatures"] < bare["signatures"]
-    assert 0 < report["latency_us"]["p50"] <= report["latency_us"]["p99"]
-    assert set(report["needed"]) == {"50", "200"}
-
-
-@pytest.mark.slow
-def test_bench_security_prints_ratios() -> None:
-    code, said = run("bench", "security", "--seconds", "0.1")
-    assert code == 0
-    for part in ("with certificate", "to openssl", "secured link", "at p99", "of a core"):
-        assert part in said
-
-
-def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
-    small = partial(kernel_bench.run, points=(40,), pairs=(1, 4))
-    monkeypatch.setattr(kernel_bench, "run", small)
-    code, said = run("bench", "kernels", "--seconds", "1")
-    assert code == 0 and "to floor" in said and "pairs" in said
-
-
 def test_traffic_without_sumo_is_exit_code_3_and_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -249,12 +184,6 @@ def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
     assert len(good) > 1 and traffic_sweep_command.not_allowed(good) == []
     (line,) = traffic_sweep_command.not_allowed([bad])
     assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")
-
-
-@pytest.mark.parametrize("wrong", [("--scenario", "fly"), ("--seconds", "4000")])
-def test_the_bench_names_a_wrong_setting(wrong: tuple[str, str]) -> None:
-    answer = automcm("bench", "traffic", *wrong)
-    assert answer.exit_code == 2 and wrong[1] in answer.output
 
 
 def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[str]) -> None:

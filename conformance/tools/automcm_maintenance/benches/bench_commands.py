@@ -1,61 +1,113 @@
-"""``automcm bench``: all its commands."""
+"""``automcm bench``: the benches of a subject as a table of ratios, each with its bar."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import os
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from pydantic import TypeAdapter
 
-from automcm_cli.shared.common import Json, code_3, example, progress, usage, write_json
-from automcm_maintenance.benches import conform_bench, station_bench, trace_bench
+from automcm_cli.shared.common import Json, code_3, console_of, example, say, table_of, write_json
+from automcm_maintenance.benches.plugin import BenchRow, BenchRun
+from automcm_spec.support import children, scratch
 
 app = typer.Typer()
-app.command(epilog=example("bench station --seconds 20"))(station_bench.station)
-app.command(epilog=example("bench kernels --seconds 60"))(station_bench.kernels)
-app.command(epilog=example("bench security --seconds 20"))(station_bench.security)
-app.command(epilog=example("bench window --sessions 200"))(station_bench.window)
-app.command(epilog=example("bench radio --seconds 20"))(station_bench.radio)
-app.command(epilog=example("bench conform --must"))(conform_bench.conform)
-app.command(epilog=example("bench traces --logs 200"))(trace_bench.traces)
+_RUN = TypeAdapter(BenchRun)
+FOLDER = Path(__file__).parent
+SUBJECTS = {
+    "station": "the core, codecs, sessions and memory of the reference",
+    "kernels": "the trajectory kernels",
+    "security": "signed messages",
+    "window": "an advertising window that closes early (ADV-9), in virtual time",
+    "radio": "the simulated radio channel",
+    "traces": "reading and judging logs",
+    "conform": "the kit's check of an adapter, in Python and C++",
+    "traffic": "traffic with stations in SUMO; needs automcm[sumo]",
+}
 
 
-@app.command(epilog=example("bench traffic"))
-def traffic(
-    scenario: Annotated[str, typer.Option(help="As of simulate traffic.")] = "lane-change",
-    vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=1)] = 100,
-    density: Annotated[float, typer.Option(help="Vehicles per km of road.", min=1)] = 40,
-    radio: Annotated[
-        Literal["even", "table", "ns3"], typer.Option(help="As of simulate traffic.")
-    ] = "table",
-    seconds: Annotated[float, typer.Option(help="Simulated time in seconds.", min=1)] = 10,
-    json_: Json = None,
-) -> None:
-    """Simulated seconds a second, with and without stations.
+class BenchFailure(Exception):
+    """A bench that does not run; the text is what pytest says."""
 
-    SUMO alone is the baseline.  All run on one core in this process, one after the other; the time
-    is that of the processor.  Needs automcm[sumo].
-    """
-    from automcm_simulation.traffic.mover import TrafficError
-    from automcm_simulation.traffic.traffic_scenario import TrafficSetting
-    from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
-    from automcm_simulation.traffic_scenarios.traffic_speed import measured
 
-    with usage(ValueError):
-        setting = TrafficSetting(vehicles=vehicles, density=density, duration_s=seconds)
-        run = TrafficRun(scenario=scenario, setting=setting, radio=radio)
-    with code_3("bench traffic", TrafficError), progress() as notify:
-        report = measured(run, notify)
-    if write_json(json_, report):
-        typer.echo(
-            f"SUMO alone        {report['alone']['simulated_per_s']:8.1f} simulated s a second"
-        )
-        without = report["without"]
-        typer.echo(
-            f"without stations  {without['simulated_per_s']:8.1f}, "
-            f"{without['times_alone']:.1f} times as long"
-        )
-        for share, found in report["stations"].items():
-            typer.echo(
-                f"{float(share):5.0%} have one    {found['simulated_per_s']:8.1f}, "
-                f"{found['times_alone']:.1f} times as long, {found['received']} receptions"
-            )
+def measured(subject: str, seconds: float) -> BenchRun:
+    """BenchRun the benches of a subject, each for about this long.  Raises BenchFailure."""
+    with scratch.folder("bench") as folder:
+        figures = folder / "figures.json"
+        words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), "-q"]
+        words += [
+            "-p",
+            "automcm_maintenance.benches.plugin",
+            "-p",
+            "no:cacheprovider",
+            "-p",
+            "no:xdist",
+        ]
+        words += ["-c", os.devnull, "-o", "python_functions=bench_*", f"--figures={figures}"]
+        words += [
+            "--benchmark-enable",
+            f"--benchmark-max-time={seconds}",
+            "--benchmark-min-rounds=3",
+        ]
+        words += ["--benchmark-timer=time.process_time", "--benchmark-disable-gc"]
+        words = children.ending_with_parent(words)
+        env = {name: value for name, value in os.environ.items() if name != "PYTEST_XDIST_WORKER"}
+        done = subprocess.run(words, capture_output=True, text=True, env=env)
+        if done.returncode:
+            raise BenchFailure(done.stdout + done.stderr)
+        return _RUN.validate_json(figures.read_bytes())
+
+
+def _command(subject: str, about: str) -> None:
+    def command(
+        seconds: Annotated[
+            float, typer.Option(help="Duration of each bench in seconds.", min=0.01)
+        ] = 1.0,
+        json_: Json = None,
+    ) -> None:
+        with code_3("bench", BenchFailure, OSError):
+            run = measured(subject, seconds)
+        rows = [_entry(run, row) for row in run.rows]
+        short = [row["name"] for row in rows if row["ok"] is False]
+        if write_json(json_, {"rows": rows, "skipped": run.skipped, "falls_short": short}):
+            _show(rows, run.skipped)
+        for name in short:
+            say(f"{name} falls short of its bar", err=True)
+        raise typer.Exit(1 if short else 0)
+
+    command.__doc__ = (
+        f"Measure {about}.\n\nEach figure has a baseline of the same run. The exit code is 1 if a "
+        "ratio to it is above its bar. Times are CPU times, the least of all rounds."
+    )
+    app.command(subject, epilog=example(f"bench {subject} --seconds 1"))(command)
+
+
+def _entry(run: BenchRun, row: BenchRow) -> dict[str, Any]:
+    found = run.ratio(row)
+    ok = None if found is None or row.at_most is None else found <= row.at_most
+    return asdict(row) | {"ratio": found, "ok": ok}
+
+
+def _show(rows: list[dict[str, Any]], skipped: dict[str, str]) -> None:
+    from rich.text import Text
+
+    table = table_of("", "figure", "unit", "beside", "ratio", "at most", "")
+    for row in rows:
+        cells = [row["name"], f"{row['value']:,.2f}", row["unit"]]
+        if row["ratio"] is not None:
+            end = "" if row["ok"] else "falls short"
+            cells += [row["beside"], f"{row['ratio']:.2f}", f"{row['at_most']:g}", end]
+        table.add_row(*map(Text, cells))
+    console = console_of(110)
+    console.print(table)
+    for name, reason in skipped.items():
+        console.print(Text(f"not measured: {name} ({reason})"))
+
+
+for _subject, _about in SUBJECTS.items():
+    _command(_subject, _about)

@@ -1,111 +1,130 @@
-"""``automcm bench conform``: the figures as a table."""
+"""The cost of checking an adapter, beside an echo adapter in the same language.
+
+The same lines go to an adapter with every answer checked, to the same adapter with no answer
+checked, and to one with a constant answer.
+"""
 
 from __future__ import annotations
 
-import subprocess
 import sys
-from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+import time
+from collections.abc import Sequence
 
-import typer
+import pytest
 
 from automcm_cli.shared.adapter_options import purposes_of
-from automcm_cli.shared.common import Json, code_3, console_of, progress, table_of, write_json
-from automcm_maintenance.code_mutation.cpp_station import SOURCE, build, missing
-from automcm_spec.support import children, scratch
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.process import Process
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.purposes import Owners
+from automcm_conformance.suite.suite_run import uncollected
+from automcm_conformance.suite.tally import PairPart
+from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.code_mutation.cpp_station import build, missing
+from automcm_spec.graph.oracle import load
+from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
-if TYPE_CHECKING:
-    from automcm_maintenance.benches.adapter_bench import AdapterRow
+LIMIT_S = 60.0
+SINGLES = 20_000
+"""Lines that are sent one by one."""
+CASES = ["AMCM/RCV/NEG", "AMCM/PRE/END"]
+PYTHON = {
+    "station": [sys.executable, "-m", "automcm_cli", "adapter"],
+    "echo": [sys.executable, "-m", "automcm_maintenance.benches.echo_adapter"],
+}
+Bulks = list[list[bytes]]
+pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
+languages = pytest.mark.parametrize("language", ["python", "cpp"])
 
 
-def conform(
-    selector: Annotated[
-        list[str] | None,
-        typer.Option(help="Cases to run; a selector as in conform run.  Repeatable."),
-    ] = None,
-    cpp: Annotated[
-        Path | None, typer.Option(help="Folder with the built C++ station and echo adapter.")
-    ] = None,
-    must: Annotated[
-        bool, typer.Option(help="Measure all MUST cases on the C++ station, too (a minute).")
-    ] = False,
-    json_: Json = None,
+@pytest.fixture(scope="module")
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """The C++ station and its echo adapter."""
+    if lacks := missing():
+        pytest.skip(f"needs {lacks}")
+    folder = build(tmp_path_factory.mktemp("cpp"), "echo").parent
+    return {name: [str(folder / name)] for name in PYTHON}
+
+
+def command(name: str, language: str, request: pytest.FixtureRequest) -> list[str]:
+    """The command of a station or an echo adapter."""
+    found: dict[str, list[str]] = PYTHON if language == "python" else request.getfixturevalue("cpp")
+    return found[name]
+
+
+class SentLines(Adapter):
+    """Records the lines that it writes."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        super().__init__(command, LIMIT_S)
+        self.bulks: Bulks = []
+
+    def send(self, lines: Sequence[bytes], *, continued: bool = False) -> None:
+        """As ``Adapter.send``."""
+        self.bulks.append(list(lines))
+        super().send(lines, continued=continued)
+
+
+def checked(command: Sequence[str]) -> Bulks:
+    """Run CASES; the lines that were sent."""
+    oracle, purposes = load(ONE_PEER.path, spec_hash()), purposes_of(CASES)
+    adapter = SentLines(command)
+    runner = Runner(adapter, purposes, 1, lambda text: None)
+    everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
+    drive = runner.plan(PairPart("bench", oracle), everything, Owners(purposes))
+    with uncollected():
+        runner.tour(drive)
+    adapter.stop()
+    assert not any(tally.faults for tally in runner.tallies.values())
+    return adapter.bulks
+
+
+@pytest.fixture(scope="module")
+def bulks() -> Bulks:
+    """The lines of CASES."""
+    return checked(PYTHON["station"])
+
+
+def send(command: Sequence[str], bulks: Bulks) -> None:
+    """Without checking the answers."""
+    with Process(command, limit_s=LIMIT_S) as process:
+        process.exchange([b'{"cmd":"hello","protocol":1}\n'])
+        for lines in bulks:
+            process.exchange(lines)
+
+
+@languages
+def bench_echo(language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest) -> None:
+    """µs a line, as below."""
+    echo = command("echo", language, request)
+    timed(lambda: send(echo, bulks), per=sum(map(len, bulks)), rounds=1)
+
+
+@languages
+@beside("echo", 6)
+def bench_echo_singly(
+    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
 ) -> None:
-    """Measure the kit's steps per second.
-
-    Each adapter is compared with an echo adapter in the same language.  There is no verdict: the
-    figures depend on the machine, the ratios less so.
-    """
-    from automcm_conformance.adapter.process import AdapterError
-    from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_maintenance.benches import adapter_bench
-    from automcm_spec.graph.oracle import OracleError, load
-    from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
-
-    chosen = purposes_of(selector or ["AMCM/RCV/NEG", "AMCM/PRE/END"])
-    rows, notes = [], []
-    with (
-        code_3("bench", AdapterError, ProtocolError, OracleError, OSError),
-        progress() as notify,
-        scratch.folder("bench") as folder,
-    ):
-        oracle = load(ONE_PEER.path, spec_hash())
-        python = [sys.executable, "-m", "automcm_cli", "adapter"]
-        echo = [sys.executable, "-m", "automcm_maintenance.benches.echo_adapter"]
-        rows.append(adapter_bench.measure("Python", python, echo, oracle, chosen, notify))
-        notify("building the C++ station")
-        built = cpp or _build(folder)
-        if built is None:
-            notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
-        else:
-            station, floor = [str(built / "station")], [str(built / "echo")]
-            rows.append(adapter_bench.measure("C++", station, floor, oracle, chosen, notify))
-            if must:
-                seconds = _all_must(station, folder)
-                notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
-    notes.append(f"memory of the kit: {adapter_bench.memory_mb()} MB at most")
-    if write_json(json_, {"rows": [row.as_dict() for row in rows], "notes": notes}):
-        _show(rows, notes)
+    """One line at a time: the cost of a kit without batches."""
+    echo, singles = command("echo", language, request), [[x] for lines in bulks for x in lines]
+    timed(lambda: send(echo, singles[:SINGLES]), per=SINGLES, rounds=1)
 
 
-def _build(folder: Path) -> Path | None:
-    """Build the C++ station and its echo adapter; None if the tools are missing."""
-    if not SOURCE.is_dir() or missing():
-        return None
-    try:
-        return build(folder, "echo").parent
-    except subprocess.CalledProcessError:
-        return None
+@languages
+@beside("echo", 10)
+def bench_unchecked(
+    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
+) -> None:
+    """The station."""
+    station = command("station", language, request)
+    timed(lambda: send(station, bulks), per=sum(map(len, bulks)), rounds=1)
 
 
-def _all_must(command: list[str], folder: Path) -> float:
-    """The time in seconds of a run of all MUST cases, including loading and reports."""
-    words = [sys.executable, "-m", "automcm_cli", "conform", "run", "MUST", "--out"]
-    start = perf_counter()
-    words += [str(folder / "run"), "--", *command]
-    subprocess.run(children.ending_with_parent(words), capture_output=True, check=False)
-    return perf_counter() - start
-
-
-def _show(rows: list[AdapterRow], notes: list[str]) -> None:
-    table = table_of(
-        *("", "lines", "steps/s", "checked"),
-        *("/ unchecked", "/ echo", "/ echo singly", "wrong"),
-    )
-    for row in rows:
-        out = row.as_dict()
-        table.add_row(
-            row.language,
-            f"{row.lines:,}",
-            f"{row.steps_per_s:,.0f}",
-            f"{row.checked_s:.1f} s",
-            f"{out['checked_over_unchecked']:.2f}",
-            f"{out['checked_over_echo']:.2f}",
-            f"{out['checked_over_single']:.2f}",
-            str(row.faults),
-        )
-    console = console_of()
-    console.print(table)
-    for note in notes:
-        console.print(note, highlight=False)
+@languages
+@beside("unchecked", 3)
+def bench_checked(
+    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
+) -> None:
+    """The station, with every answer checked."""
+    station = command("station", language, request)
+    timed(lambda: checked(station), per=sum(map(len, bulks)), rounds=1)
