@@ -14,6 +14,7 @@ from cli_stage import automcm, shown
 
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
@@ -171,3 +172,15 @@ def test_the_screen_says_which_stages_are_kept_and_what_is_left_to_full(
     assert "Kept        generated files: nothing they depend on has changed" in text
     assert "Left to full  larger: make verify ARGS='--profile full'" in text
     assert "Kept" not in shown(verify_.run(fresh=True))
+
+
+@pytest.mark.parametrize("inputs", ["", mutant_results.present()])
+def test_stale_results_of_mutants_are_a_line_and_no_error(
+    inputs: str, asked: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = mutant_results.MutationResults(inputs=inputs, mutants=[])
+    monkeypatch.setattr(mutant_results, "load", lambda: found)
+    report = verify_.run()
+    lines = [line for line in shown(report).splitlines() if line.startswith("Mutants ")]
+    assert report.ok and len(lines) == (not inputs)
+    assert not lines or "spec/mutation/results.json is stale" in lines[0]

@@ -18,22 +18,12 @@ from automcm_spec.model_checking.models import Model, ModelVerdict
 from automcm_spec.model_checking.tlc import ErrorKind, TlcError, TlcResult
 
 
-def must_fail(cfg: str, seconds: float) -> Model:
-    none: dict[str, Any] = {"distinct_states": None, "states": None, "depth": None}
-    rest: dict[str, Any] = {
-        "breaks": "OneSessionProp",
-        "length": 3,
-        "why": "One is taken away. Then it breaks.",
-    }
-    return tiny(cfg, seconds, **(none | rest))
-
-
 def run(chosen: list[Model], wanted: list[Mutant], folder: Path, **options: Any) -> Any:
     return mutant_runs.run(
         wanted,
         [with_cfg(folder, m) for m in chosen],
         tla=folder,
-        **({"jobs": 1, "search_s": 9} | options),
+        **({"jobs": 1} | options),
     )
 
 
@@ -47,9 +37,10 @@ def test_a_property_kills_counts_kill_and_an_equivalent_mutant_survives(folder: 
     broken = Mutant("Tiny.Step.x.0", "Tiny", "Step", "guard", 5, 60, 62, b"((", "a", "b")
     cache = folder / "runs" / "cache.jsonl"
     report = run([tiny()], [off, still, equal, broken], folder, cache=cache, jobs=2)
-    assert [o.how for o in report.outcomes] == ["property", "counts", None, None]
+    assert [o.row.how for o in report.outcomes] == ["property", "counts", "none", "none"]
     assert report.outcomes[0].properties == ["Small"]
-    assert report.outcomes[2].survived and report.outcomes[3].invalid
+    assert report.outcomes[1].survived and report.outcomes[2].survived
+    assert report.outcomes[3].invalid and len(report.rows) == 3
     assert report.complete and report.exit_code == 0
     with cache.open("a") as file:
         file.write('["half a li')
@@ -93,13 +84,13 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[Answer],
         monkeypatch.setattr(models, "check", check)
         return ran
 
-    for name in "abcd":
+    for name in "acd":
         text = "INIT Init\nNEXT Next\nINVARIANT Small\nPROPERTIES OneSessionProp Live\n"
         (folder / f"{name}.cfg").write_text(text)
     return install
 
 
-FOUR = [tiny("d", 30), must_fail("b", 1), tiny("c", 5), tiny("a", 2)]
+THREE = [tiny("d", 30), tiny("c", 5), tiny("a", 2)]
 
 
 def test_after_a_kill_by_counts_a_property_is_looked_for(folder: Path, pretend: Any) -> None:
@@ -108,8 +99,8 @@ def test_after_a_kill_by_counts_a_property_is_looked_for(folder: Path, pretend: 
 
     ran = pretend(answer)
     one = mutants.generate(folder, ["Tiny"])[:1]
-    [outcome] = run(FOUR, one, folder).outcomes
-    assert ran == ["a", "c"] and outcome.how == "property"
+    [outcome] = run(THREE, one, folder).outcomes
+    assert ran == ["a", "c"] and outcome.row.how == "property"
     assert [(k.model, k.how, k.what) for k in outcome.kills] == [
         ("a", "counts", "depth is 3"),
         ("c", "property", "S-1"),
@@ -119,21 +110,25 @@ def test_after_a_kill_by_counts_a_property_is_looked_for(folder: Path, pretend: 
 @pytest.mark.parametrize(
     ("how", "answer"),
     [
-        ("must-fail", lambda m, _: violated(m, "Small") if m.cfg == "b" else ok(m)),
-        ("counts", lambda m, _: violated(m, "OneSessionProp") if m.cfg == "b" else ok(m)),
         ("probe", lambda m, _: ok(m, "reached too much") if m.cfg == "d" else ok(m)),
         ("evaluation", lambda m, _: failed(m, "other")),
         ("timeout", lambda m, _: failed(m, "timeout")),
         ("property", lambda m, _: violated(m, "X") if m.cfg == "c" else failed(m, "timeout")),
         ("timeout", lambda m, _: failed(m, "memory")),
-        ("counts", lambda m, _: ok(m, "depth") if m.cfg == "a" else failed(m, "timeout")),
-        (None, lambda m, _: ok(m)),
+        ("counts", lambda m, _: ok(m, "depth") if m.cfg == "a" else ok(m)),
+        ("none", lambda m, _: ok(m)),
     ],
 )
-def test_how_a_mutant_is_killed(folder: Path, pretend: Any, how: str, answer: Answer) -> None:
+def test_what_finds_a_mutant(folder: Path, pretend: Any, how: str, answer: Answer) -> None:
     pretend(answer)
-    [outcome] = run(FOUR, mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
-    assert outcome.how == how
+    [outcome] = run(THREE, mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
+    assert outcome.row.how == how and outcome.survived == (how != "property")
+
+
+def test_after_two_timeouts_the_others_are_not_run(folder: Path, pretend: Any) -> None:
+    ran = pretend(lambda m, _: failed(m, "timeout"))
+    run(THREE, mutants.generate(folder, ["Tiny"])[:1], folder, profile="deep")
+    assert ran == ["a", "c"]
 
 
 def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
@@ -144,7 +139,7 @@ def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
 
     ran = pretend(answer)
     one = mutants.generate(folder, ["Tiny"])[:1]
-    [outcome] = run(FOUR, one, folder, profile="deep").outcomes
+    [outcome] = run(THREE, one, folder, profile="deep").outcomes
     assert outcome.properties == ["Live", "Small"]
     assert ran == ["a"] * 4 + ["c", "d"]
 
@@ -152,7 +147,7 @@ def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
 def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
     pretend(lambda model, _: failed(model, "java"))
     with pytest.raises(mutant_runs.MutationError, match="java"):
-        run(FOUR, mutants.generate(folder, ["Tiny"])[:1], folder)
+        run(THREE, mutants.generate(folder, ["Tiny"])[:1], folder)
 
 
 def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
@@ -177,7 +172,7 @@ def test_on_a_slower_machine_a_model_gets_more_time(
 
     monkeypatch.setattr(models, "check", check)
     [outcome] = run([tiny()], mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
-    assert outcome.how == "counts"
+    assert outcome.row.how == "counts"
 
 
 def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +191,7 @@ def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
         if text.startswith("1 of"):
             raise KeyboardInterrupt
 
-    report = run(FOUR, mutants.generate(folder, ["Tiny"]), folder, notify=notify)
+    report = run(THREE, mutants.generate(folder, ["Tiny"]), folder, notify=notify)
     assert len(report.outcomes) == 1 and not report.complete and report.exit_code == 4
 
 
@@ -206,6 +201,6 @@ def test_a_mutant_that_only_changes_answers_is_found_in_the_graph(tmp_path: Path
     mutant = next(m for m in mutants.generate() if m.operator == "AnswerSeq" and m.kind == "number")
     report = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
     (outcome,) = report.outcomes
-    assert outcome.how == "graph"
+    assert outcome.row.how == "graph"
     again = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
     assert again.outcomes == report.outcomes

@@ -1,9 +1,10 @@
-"""Mutants of the modules, how models are held against them, and the list of survivors."""
+"""Mutants of the modules, and the command."""
 
 from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mutant_stage import folder as folder
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_maintenance.spec_mutation import mutant_runs, mutants, mutate_commands, survivors
+from automcm_maintenance.spec_mutation import mutant_results, mutant_runs, mutants
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models
@@ -96,46 +97,6 @@ def test_the_sample_is_a_fixed_one() -> None:
     assert mutants.sample(found, None) == found
 
 
-def entry(mutant: Mutant, **changed: str) -> str:
-    fields = {"id": mutant.id, "source": mutant.change, "reason": "Same."} | changed
-    return "[[survivor]]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in fields.items())
-
-
-def test_survivors_must_be_those_listed(folder: Path) -> None:
-    every = mutants.generate(folder, ["Tiny"])
-    alive, unlisted, killed, edited = every[:4]
-    path = folder / survivors.SURVIVORS
-    gone = entry(alive, id="Tiny.Gone.guard.0")
-    elsewhere = entry(alive, id="Timed.X.guard.0")
-    path.write_text(entry(alive) + entry(killed) + entry(edited, source="old") + gone + elsewhere)
-    kill = mutant_runs.Kill("tiny", "counts", "depth")
-    outcomes = [mutant_runs.MutantOutcome(m, (kill,) if m == killed else ()) for m in every[:4]]
-    report = mutant_runs.MutationReport("quick", 4, outcomes)
-    problems = survivors.compare(report, survivors.load(folder), every, ["Tiny"])
-    assert [text.split(" (")[0] for text in problems] == [
-        f"{unlisted.id} survived",
-        f"survivors.toml: {edited.id} is {edited.change}".split(" (")[0],
-        "survivors.toml lists Tiny.Gone.guard.0, but there is no such mutant",
-        f"survivors.toml lists {killed.id}, but it is killed",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('[[survivor]]\nid = "a"\nsource = "b"\n', "must have id, source and reason"),
-        ('[[survivor]]\nid = "a"\nsource = "b"\nreason = " "\n', "must have id, source and reason"),
-        ('[[survivor]]\nid = "a"\nsource = "b"\nreason = "c"\n' * 2, "lists a twice"),
-        ("version = 1\n", "unknown key version"),
-        ("[[survivor\n", "line 1"),
-    ],
-)
-def test_a_faulty_list_of_survivors(folder: Path, text: str, message: str) -> None:
-    (folder / survivors.SURVIVORS).write_text(text)
-    with pytest.raises(ValueError, match=message):
-        survivors.load(folder)
-
-
 def test_without_the_packages_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tree_sitter_tlaplus", None)
     answer = CliRunner().invoke(app, ["spec", "mutate", "--list"])
@@ -158,7 +119,8 @@ def test_the_command_lists() -> None:
         ["--module", "Nowhere"],
         ["--model", "nothing", "--limit", "1"],
         ["--only", "Nobody.At.All"],
-        ["--write", "--only", "OnAck"],
+        ["--write", "--profile", "deep", "--only", "OnAck"],
+        ["--write"],
         ["--limit", "-1"],
     ],
 )
@@ -168,25 +130,32 @@ def test_the_command_refuses(monkeypatch: pytest.MonkeyPatch, options: list[str]
 
 
 def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Each mutant but the last is killed by S-1."""
+    """S-1 kills each mutant but the last, of which only the graph differs."""
     wanted = mutants.sample(mutants.generate(), 3)
     kill = mutant_runs.Kill("one_by_two", "property", "S-1")
+    graph = mutant_runs.Kill("the oracle", "graph", "tight differs")
 
-    def pretended(found: list[Mutant], *_: Any, **__: Any) -> mutant_runs.MutationReport:
-        outcomes = [mutant_runs.MutantOutcome(m, (kill,) if m != found[-1] else ()) for m in found]
-        return mutant_runs.MutationReport("quick", len(found), outcomes)
+    def pretended(found: list[Mutant], *_: Any, **options: Any) -> mutant_runs.MutationReport:
+        outcomes = [
+            mutant_runs.MutantOutcome(m, (kill if m != found[-1] else graph,)) for m in found
+        ]
+        return mutant_runs.MutationReport(options["profile"], len(found), outcomes)
 
     monkeypatch.setattr(mutant_runs, "run", pretended)
     monkeypatch.setattr(models, "load", lambda: [tiny()])
-    monkeypatch.setattr(survivors, "load", dict)
-    answer = CliRunner().invoke(app, ["spec", "mutate", "--limit", "3"])
+    monkeypatch.setattr(mutant_results, "reasons", dict)
+    run = partial(CliRunner().invoke, app)
+    answer = run(["spec", "mutate", "--limit", "3"])
     assert answer.exit_code == 1, answer.output
-    assert "S-1 2" in answer.output and "66.7%" in answer.output
-    assert f"Problem     {wanted[-1].id} survived" in answer.output
-    answer = CliRunner().invoke(app, ["spec", "mutate", "--limit", "3", "--json", "-"])
-    assert json.loads(answer.output)["properties"]["S-1"] == 2
-    monkeypatch.setattr(mutate_commands, "RESULTS", tmp_path / "results.json")
-    assert CliRunner().invoke(app, ["spec", "mutate", "--write"]).exit_code == 1
-    page = mutate_commands.markdown(json.loads((tmp_path / "results.json").read_text()))
-    assert f"- `{mutants.sample(mutants.generate(), 260)[-1].id}` (" in page
-    assert "### Mutants that no property kills" in page
+    assert "S-1 2" in answer.output and f"Survived    {wanted[-1].id}" in answer.output
+    assert f"Problem     no property kills {wanted[-1].id}" in answer.output
+    answer = run(["spec", "mutate", "--limit", "3", "--json", "-"])
+    found = json.loads(answer.output)
+    assert found["properties"]["S-1"] == 2 and found["kinds"]["all"]["property"] == 2
+    path = tmp_path / "results.json"
+    write = mutant_results.write
+    monkeypatch.setattr(mutant_results, "write", lambda rows: write(rows, path))
+    assert run(["spec", "mutate", "--write", "--profile", "deep", "--limit", "3"]).exit_code == 1
+    results = mutant_results.load(path)
+    assert not results.stale and "a property kills 2 (66.7%)" in results.summary
+    assert f"- `{wanted[-1].id}` (line {wanted[-1].line}, graph)" in mutant_results.page(results)

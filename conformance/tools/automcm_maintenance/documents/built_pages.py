@@ -21,7 +21,7 @@ def pages() -> dict[str, Callable[[], str]]:
     from automcm_maintenance.code_mutation import certificate_page
     from automcm_maintenance.corpus import corpus_page
     from automcm_maintenance.documents import citations, cli_page, faults_page, models_page
-    from automcm_maintenance.spec_mutation import mutate_commands
+    from automcm_maintenance.spec_mutation import mutant_results
     from automcm_spec.model_checking import models
 
     details = {
@@ -35,7 +35,7 @@ def pages() -> dict[str, Callable[[], str]]:
         "faults.md": lambda: faults_page.markdown(_json(faults_page.RESULTS)),
         "index.md": _first_page,
         "models.md": lambda: models_page.models_page(models.load()),
-        "mutation.md": lambda: mutate_commands.markdown(_json(mutate_commands.RESULTS)),
+        "mutation.md": lambda: mutant_results.page(mutant_results.load()),
         "rule-coverage.md": lambda: citations.table(ROOT),
         **details,
     }

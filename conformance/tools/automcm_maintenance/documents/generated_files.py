@@ -20,6 +20,7 @@ from automcm_maintenance.documents import (
 )
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.exact_vectors import vector_texts
+from automcm_maintenance.spec_mutation import mutant_results
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.log_format import log_schema
 from automcm_spec.model_checking import model_runs, models
@@ -180,7 +181,8 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
 
 def _verification() -> str:
     text = between(VERIFICATION.read_text(), "interface", independence_tables.interface())
-    return between(text, "ids and numbers", independence_tables.uses())
+    text = between(text, "ids and numbers", independence_tables.uses())
+    return between(text, "mutants", mutant_results.load().summary)
 
 
 def between(text: str, name: str, part: str) -> str:

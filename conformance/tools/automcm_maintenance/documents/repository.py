@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -15,6 +16,18 @@ SOURCES = {
 """The folder of each package of the product and of the evaluation, by name."""
 PAGES = Path(__file__).with_name("pages")
 """Templates of Markdown."""
+
+
+def digest(root: Path, parts: Iterable[str]) -> str:
+    """The hash of these files and folders."""
+    whole = hashlib.sha256()
+    for part in parts:
+        found = root / part
+        for path in sorted(found.rglob("*")) if found.is_dir() else [found]:
+            if path.is_file() and path.suffix != ".pyc":
+                whole.update(f"\0{path.relative_to(root)}\0".encode())
+                whole.update(hashlib.sha256(path.read_bytes()).digest())
+    return whole.hexdigest()
 
 
 def markdown_table(

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
+from automcm_maintenance.documents import repository
 from automcm_spec.support import files
 
 T = TypeVar("T")
@@ -20,13 +21,7 @@ def key(root: Path, *parts: str) -> str:
     """The hash of these files and folders of the clone, of Python, and of what is installed."""
     digest = hashlib.sha256(sys.version.encode())
     installed = sorted(f"{found.name} {found.version}" for found in metadata.distributions())
-    digest.update("\n".join(installed).encode())
-    for part in parts:
-        found = root / part
-        for path in sorted(found.rglob("*")) if found.is_dir() else [found]:
-            if path.is_file() and path.suffix != ".pyc":
-                digest.update(f"\0{path.relative_to(root)}\0".encode())
-                digest.update(hashlib.sha256(path.read_bytes()).digest())
+    digest.update("\n".join([*installed, repository.digest(root, parts)]).encode())
     return digest.hexdigest()
 
 

@@ -18,6 +18,7 @@ from automcm_cli.spec import model_output
 from automcm_maintenance.compilation import compiler
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import graph_comparison, kept_stages
 from automcm_maintenance.verify.behaviour_replay import replay
 from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
@@ -82,6 +83,8 @@ class VerifyReport:
     """Unexpected counterexamples, each as a page (docs/trace-format.md)."""
     unnoticed: bool = False
     """Whether the specification's graph differs from the committed one, but no model does."""
+    mutants: str = ""
+    """That the results of spec mutate are stale, if they are; no error."""
     errors: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     """The duration of each stage; the models are checked beside the other stages."""
@@ -196,6 +199,7 @@ class VerifyReport:
             },
             "drift": self.drift,
             "pages": self.pages,
+            "mutants": self.mutants,
             "errors": self.all_errors,
             "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
             "earlier_seconds": self.earlier,
@@ -296,6 +300,10 @@ def _stages(report: VerifyReport, notify: Callable[[str], None]) -> None:
             raise
     with _errors(report):
         _of_models(report, data)
+        if mutant_results.load().stale:
+            report.mutants = (
+                f"{mutant_results.RESULTS.relative_to(ROOT)} is stale: {mutant_results.STALE}"
+            )
 
 
 def _of_models(report: VerifyReport, one_peer: bytes | None) -> None:

@@ -45,6 +45,8 @@ def show(report: VerifyReport, console: Console) -> None:
         )
     for text in report.drift:
         console.print(f"[red]Drift[/]       {escape(text)}")
+    if report.mutants:
+        console.print(f"Mutants     {report.mutants}")
     for text in report.pages:
         console.print(f"[red]See[/]         {escape(text)}", soft_wrap=True)
     for text in report.all_errors:

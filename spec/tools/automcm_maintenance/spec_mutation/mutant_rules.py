@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 MODULES = ("Station", "System")
 """The modules that are mutated by default."""
 
@@ -16,6 +18,18 @@ KINDS: dict[str, str] = {
     "number": "a number is off by one, or a comparison includes or excludes its bound",
     "member": "a member of a set, an operand of a union, or a subtraction is dropped",
 }
+
+How = Literal["property", "probe", "graph", "evaluation", "timeout", "counts"]
+HOW: dict[How, str] = {
+    "property": "a property that must hold is violated",
+    "probe": "a probe reaches a situation that it did not reach before, or no longer reaches one",
+    "graph": "an answer of one station differs from the oracle, and so from the reference",
+    "evaluation": "TLC cannot evaluate the mutant",
+    "timeout": "TLC exceeds three times the time without the mutant, or its memory",
+    "counts": "only the recorded numbers of states or steps differ",
+}
+"""What a mutant may change.  Only the first kills it; the others, the most informative first, are
+comparisons with the specification without the mutant."""
 
 NOT_MUTATED: dict[str, str] = {
     "Station.Phases": "read by the type invariant only",

@@ -15,6 +15,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from automcm_maintenance.spec_mutation.mutant_results import MutantResult
+from automcm_maintenance.spec_mutation.mutant_rules import HOW, How
 from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.model_checking import models, tlc, toolchain
@@ -22,25 +24,10 @@ from automcm_spec.model_checking.models import PROPERTY_IDS, Model
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
 
-How = Literal["property", "must-fail", "probe", "graph", "evaluation", "timeout", "counts"]
-HOW: dict[How, str] = {
-    "property": "a property that must hold is violated",
-    "must-fail": "a must-fail model violates no property, or another one",
-    "probe": "a probe reaches a situation that it did not reach before, or no longer reaches one",
-    "graph": "an answer of one station differs from the oracle, and so from the reference",
-    "evaluation": "TLC cannot evaluate the mutant",
-    "timeout": "TLC exceeds three times the time without the mutant, or its memory",
-    "counts": "only the recorded numbers of states or steps differ",
-}
-"""The ways to kill a mutant, the most informative first."""
-
-MUST_FAIL_COST = 4
-"""The penalty for a must-fail model in the order of models: a kill by a property is more
-informative."""
-
-_WEAK: tuple[How, ...] = ("evaluation", "timeout", "counts")
 GRAPHS = (oracle_generation.TIGHT, oracle_generation.ONE_PEER)
-"""The graphs that are compared for a mutant of Station if no model kills it by a property."""
+"""The graphs that are compared for a mutant of Station that no property kills."""
+TIMEOUTS = 2
+"""After so many models that exceed their time, the others are not run."""
 
 Profile = Literal["quick", "deep"]
 Notify = Callable[[str], None]
@@ -69,33 +56,31 @@ class MutantOutcome:
     seconds: float = 0
 
     @property
-    def how(self) -> How | None:
-        """The most informative kill; None for a survivor and for an invalid mutant."""
-        order = list(HOW)
-        return min((kill.how for kill in self.kills), key=order.index, default=None)
-
-    @property
     def survived(self) -> bool:
-        """Whether no model killed it."""
-        return not self.kills and not self.invalid
+        """Whether no property killed it."""
+        return not self.properties and not self.invalid
 
     @property
     def properties(self) -> list[str]:
         """The properties that killed it."""
         return sorted({kill.what for kill in self.kills if kill.how == "property"})
 
+    @property
+    def row(self) -> MutantResult:
+        """It as a row of the results."""
+        hows = {kill.how for kill in self.kills}
+        return MutantResult(
+            id=self.mutant.id,
+            line=self.mutant.line,
+            change=self.mutant.change,
+            properties=self.properties,
+            differs=[how for how in HOW if how in hows and how != "property"],
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """The row for ``--json``."""
-        m = self.mutant
-        return {
-            "id": m.id,
-            "module": m.module,
-            "definition": m.operator,
-            "kind": m.kind,
-            "line": m.line,
-            "before": m.before,
-            "after": m.after,
-            "outcome": "invalid" if self.invalid else self.how or "survived",
+        return self.row.model_dump() | {
+            "invalid": self.invalid,
             "kills": [asdict(kill) for kill in self.kills],
             "seconds": round(self.seconds, 1),
         }
@@ -105,19 +90,23 @@ class MutantOutcome:
 class MutationReport:
     """The outcomes in the order of the mutants; not complete if the run was interrupted.
 
-    problems and reasons (of survivors, by id) come from the list of survivors.
+    problems come from the list of reasons.
     """
 
     profile: Profile
     selected: int
     outcomes: list[MutantOutcome]
     problems: list[str] = field(default_factory=list)
-    reasons: dict[str, str] = field(default_factory=dict)
 
     @property
     def complete(self) -> bool:
         """Whether all selected mutants have a result."""
         return len(self.outcomes) == self.selected
+
+    @property
+    def rows(self) -> list[MutantResult]:
+        """The mutants that parse."""
+        return [outcome.row for outcome in self.outcomes if not outcome.invalid]
 
     @property
     def exit_code(self) -> int:
@@ -180,13 +169,10 @@ class _Run:
         chosen: Sequence[Model],
         tla: Path,
         cache: Cache,
-        search_s: float,
     ) -> None:
-        cost = {"holds": 1, "violates": MUST_FAIL_COST}
-        self.models = sorted(chosen, key=lambda m: (cost[m.expect] * m.seconds, m.cfg))
+        self.models = sorted(chosen, key=lambda m: (m.seconds, m.cfg))
         self.stop = tlc.TlcStop()
         self._cache = cache
-        self._search_s = search_s
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
         self._sound: dict[str, float] = {}
@@ -211,40 +197,29 @@ class _Run:
             self._sound[model.cfg] = found.seconds
             return found.seconds
 
-    def quick(self, mutant: Mutant) -> MutantOutcome:
-        """Run models until one kills the mutant.
+    def outcome(self, mutant: Mutant, deep: bool) -> MutantOutcome:
+        """The first property that is violated, the cheapest model first; ``deep``: every one.
 
-        If only counts differ, or TLC does not finish, compare the graph of one station, and then
-        run the other models that must hold and take at most search_s, for a more informative kill.
+        If there is none, the graph of one station is compared as well.
         """
         kills: list[Kill] = []
         seconds = 0.0
-        graphs = mutant.module == "Station"
         with scratch.folder("mutant") as folder:
-            for model in [*self._seeing(mutant), None]:
-                if graphs and (kills or model is None or model.seconds > self._search_s):
-                    graphs = False
-                    found = self._graph(mutant, folder)
+            for model in self._seeing(mutant):
+                for found in self._violated(mutant, model, folder, deep):
                     seconds += found.seconds
+                    if found.how == "invalid":
+                        return MutantOutcome(mutant, (), True, seconds)
                     if found.how is not None:
-                        kills.append(Kill("the oracle", "graph", found.what))
-                        break
-                if model is None:
-                    break
-                if kills and (model.expect != "holds" or model.seconds > self._search_s):
-                    continue
-                found = self._check(mutant, model, model.config, folder)
-                seconds += found.seconds
-                if found.how == "invalid":
-                    return MutantOutcome(mutant, (), True, seconds)
-                if found.how in _WEAK:
-                    if not kills:
                         kills.append(Kill(model.cfg, found.how, found.what))
-                    elif found.how == "timeout":
-                        break  # the others would not finish either
-                elif found.how is not None:
-                    kills.append(Kill(model.cfg, found.how, found.what))
+                hows = [kill.how for kill in kills]
+                if ("property" in hows and not deep) or hows.count("timeout") == TIMEOUTS:
                     break
+            if mutant.module == "Station" and "property" not in {kill.how for kill in kills}:
+                found = self._graph(mutant, folder)
+                seconds += found.seconds
+                if found.how == "graph":
+                    kills.append(Kill("the oracle", "graph", found.what))
         return MutantOutcome(mutant, tuple(kills), False, seconds)
 
     def _graph(self, mutant: Mutant, folder: Path) -> _Found:
@@ -276,25 +251,14 @@ class _Run:
             return _Found(None, "", seconds)
         return _Found("graph", f"{graph.name} differs", seconds)
 
-    def deep(self, mutant: Mutant) -> MutantOutcome:
-        """All properties that are violated in any model that must hold."""
-        kills: list[Kill] = []
-        seconds = 0.0
-        with scratch.folder("mutant") as folder:
-            for model in self._seeing(mutant):
-                for found in self._violated(mutant, model, folder):
-                    seconds += found.seconds
-                    if found.how == "invalid":
-                        return MutantOutcome(mutant, (), True, seconds)
-                    if found.how is not None:
-                        kills.append(Kill(model.cfg, found.how, found.what))
-        return MutantOutcome(mutant, tuple(kills), False, seconds)
-
     def _seeing(self, mutant: Mutant) -> Iterator[Model]:
         return (m for m in self.models if mutant.module in self._read_by[m.module])
 
-    def _violated(self, mutant: Mutant, model: Model, folder: Path) -> Iterator[_Found]:
-        """Repeat the run without the violated property until none is violated."""
+    def _violated(self, mutant: Mutant, model: Model, folder: Path, deep: bool) -> Iterator[_Found]:
+        """TLC's result; ``deep``: repeated without the violated property until none is violated."""
+        if not deep:
+            yield self._check(mutant, model, model.config, folder)
+            return
         rest, left = models.split(model.config)
         while left:
             found = self._check(mutant, model, _joined(rest, left), folder)
@@ -387,16 +351,12 @@ def _found(verdict: models.ModelVerdict, cfg: str) -> _Found:
     seconds = round(verdict.result.seconds, 2)
     if verdict.problem is None:
         return _Found(None, "", seconds)
-    if verdict.outcome == "violates" and verdict.model.expect == "holds":
+    if verdict.outcome == "violates":
         temporal = [name for word, name in models.split(cfg)[1] if word.startswith("PROPERT")]
         name = verdict.property or (temporal[0] if len(temporal) == 1 else "a temporal property")
         return _Found("property", PROPERTY_IDS.get(name, name), seconds)
     what = verdict.problem.splitlines()[0]
-    if what.startswith("reached"):
-        return _Found("probe", what, seconds)
-    if verdict.model.expect == "holds" or verdict.property == verdict.model.property:
-        return _Found("counts", what, seconds)
-    return _Found("must-fail", what, seconds)
+    return _Found("probe" if what.startswith("reached") else "counts", what, seconds)
 
 
 def _joined(rest: str, checked: Sequence[tuple[str, str]]) -> str:
@@ -411,23 +371,21 @@ def run(
     tla: Path = TLA,
     cache: Path | None = None,
     jobs: int = 2,
-    search_s: float = 15,
     notify: Notify = lambda text: None,
 ) -> MutationReport:
-    """Run the models on each mutant, ``jobs`` at a time; say gets a status line.
+    """Run the models, which must hold, on each mutant, ``jobs`` at a time.
 
     On Ctrl-C the active runs are killed, and the report contains the known results; the next run
     with the same cache continues.  Raises MutationError if a model is not as expected without a
     mutant, or if a tool fails.
     """
-    if profile == "deep":
-        chosen = [model for model in chosen if model.expect == "holds"]
-    the_run = _Run(chosen, tla, Cache(cache), search_s)
-    work = the_run.quick if profile == "quick" else the_run.deep
+    the_run = _Run(chosen, tla, Cache(cache))
     outcomes: dict[str, MutantOutcome] = {}
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         try:
-            futures = [pool.submit(work, mutant) for mutant in mutants]
+            futures = [
+                pool.submit(the_run.outcome, mutant, profile == "deep") for mutant in mutants
+            ]
             for future in as_completed(futures):
                 outcome = future.result()
                 outcomes[outcome.mutant.id] = outcome

@@ -67,18 +67,6 @@ def generate(tla: Path = TLA, modules: Sequence[str] = MODULES) -> list[Mutant]:
     return [mutant for name in modules for mutant in _mutants(parser, tla, name)]
 
 
-def definitions(source: bytes) -> dict[str, tuple[int, int]]:
-    """The operators that a module defines, and the bytes of each definition.
-
-    Raises MissingPackage without the extra.
-    """
-    return {
-        text(node.child_by_field_name("name")): (node.start_byte, node.end_byte)
-        for node in _parser().parse(source).root_node.children[0].children
-        if node.type == "operator_definition"
-    }
-
-
 def sample(mutants: Sequence[Mutant], limit: int | None) -> list[Mutant]:
     """A fixed sample: the mutants with the smallest hash of their id.
 

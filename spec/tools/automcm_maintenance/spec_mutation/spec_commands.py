@@ -52,62 +52,35 @@ def spec_mutate(
         typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
     ] = None,
     limit: Annotated[
-        int | None,
+        int,
         typer.Option(
             min=0,
-            help="Use a fixed sample of this size (0 = all mutants).  Default: 260, "
-            "with --matrix all.",
+            help="Use a fixed sample of this size (0 = all mutants).",
         ),
-    ] = None,
-    matrix: Annotated[
-        bool,
-        typer.Option(
-            "--matrix",
-            help="Check each property by itself on each mutant of Station, in the models of the "
-            "matrix or those named by --model.",
-        ),
-    ] = False,
-    sparing: Annotated[
-        bool,
-        typer.Option(
-            "--sparing",
-            help="With --matrix: check temporal properties only on mutants that no other property "
-            "kills.  A later run without it checks the rest.",
-        ),
-    ] = False,
+    ] = 260,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Number of mutants to run in parallel.")] = 2,
-    search: Annotated[
-        float,
-        typer.Option(min=0, help="Maximum seconds of a model that is run only for a better kill."),
-    ] = 2,
     longest: Annotated[
         float, typer.Option(min=0, help="Maximum seconds of a model that is run at all.")
     ] = 6,
-    write: Annotated[bool, typer.Option(help="Write the results, for the site.")] = False,
+    write: Annotated[
+        bool, typer.Option(help="With --profile deep: write the results, for the site.")
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Run the models on mutants of the specification.
 
-    The models must find each small change.  Results are kept under runs/, so that an interrupted
-    run continues where it stopped, and --matrix repeats only what a change affects.
-    A mutant that survives must be in spec/models/survivors.toml with the reason; with --matrix, one
-    that no property kills in spec/mutation/no-property.toml.  A full run may take an hour, the
-    matrix hours.
+    A mutant is killed when a property is violated in a model that must hold.  Other differences
+    are reported apart.  Results are kept under runs/, so that an interrupted run continues where it
+    stopped.  A mutant that no property kills must be in spec/mutation/no-property.toml with the
+    reason.  A quick run may take hours, a deep one a night.
     """
     from automcm_maintenance.spec_mutation import mutate_commands
 
-    if matrix and not list_:
-        _matrix(module, model, only, limit, jobs, sparing, write, json_)
     with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
-        if sparing and not matrix:
-            raise mutate_commands.Usage("--sparing needs --matrix")
-        sample = 260 if limit is None else limit
-        asked = mutate_commands.Asked(
-            profile, module, model, only, sample, jobs, search, longest, write
-        )
+        asked = mutate_commands.Asked(profile, module, model, only, limit, jobs, longest, write)
         mutants = mutate_commands.select(asked)
         if list_:
             if write_json(json_, mutate_commands.as_rows(mutants)):
@@ -149,32 +122,6 @@ def spec_prove(
         report = prove_commands.run(without or [], step, notify)
     if write_json(json_, report.as_dict()):
         prove_commands.show(report, console_of())
-    raise typer.Exit(report.exit_code)
-
-
-def _matrix(
-    module: list[str] | None,
-    model: list[str] | None,
-    only: str | None,
-    limit: int | None,
-    jobs: int,
-    sparing: bool,
-    write: bool,
-    json_: Path | None,
-) -> None:
-    from automcm_maintenance.spec_mutation import matrix_commands, mutate_commands
-
-    with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
-        if module:
-            raise mutate_commands.Usage("--matrix cannot be combined with --module")
-        if write and (only or limit):
-            raise mutate_commands.Usage("--write cannot be combined with --only or --limit")
-        with progress() as notify:
-            report = matrix_commands.run(model, only, limit, jobs, sparing, notify)
-        if write:
-            matrix_commands.write(report)
-    if write_json(json_, matrix_commands.as_dict(report)):
-        matrix_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 
