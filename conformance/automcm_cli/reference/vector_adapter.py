@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -30,11 +29,8 @@ def call(kernel: str, inputs: Json) -> Json:
     try:
         return KERNELS[kernel](inputs)
     except TrajectoryError as error:
-        found = re.match(r"(\w+)(?:\[(\d+))?", str(error))
-        if found is None:
-            raise
-        index = {} if found[2] is None else {"index": int(found[2])}
-        return {"error": {"name": found[1], **index, "why": str(error)}}
+        index = {"index": int(error.index[0])} if error.index else {}
+        return {"error": {"name": error.name, **index, "why": str(error)}}
 
 
 def _trajectory(given: Json) -> Trajectory:
@@ -127,7 +123,7 @@ def _clock(given: Json) -> Json:
     try:
         found = bounds(given["cams"], given["now"], given["delay"], given["drift"])
     except ValueError as error:
-        raise TrajectoryError(f"cams: {error}") from None
+        raise TrajectoryError("cams", str(error)) from None
     return {"least": found[0], "greatest": found[1], "in_step": in_step(found)}
 
 

@@ -40,11 +40,11 @@ def read(what: str, trajectory: messages.Trajectory) -> Trajectory:
     Raises TrajectoryError, which names ``what``, if it is invalid or has more than MOST_POINTS.
     """
     if len(trajectory.points) > MOST_POINTS:
-        raise TrajectoryError(f"{what}: more than {MOST_POINTS} points")
+        raise TrajectoryError(what, f"more than {MOST_POINTS} points")
     try:
         return from_message(trajectory)
     except TrajectoryError as error:
-        raise TrajectoryError(f"{what}: {error}") from None
+        raise TrajectoryError(what, str(error)) from None
 
 
 def along(path: Trajectory, prescribed: Trajectory, now: float) -> Trajectory:

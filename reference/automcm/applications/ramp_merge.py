@@ -105,7 +105,7 @@ class Merge(LaneChange):
         theirs = self._others[self._target].since(now)
         at = arrival(theirs, self.ramp.joins_m)
         if at is None:
-            raise TrajectoryError("planned: its arrival time is unknown")
+            raise TrajectoryError("planned", "its arrival time is unknown")
         later = at + (mine + self.ramp.apart_s - at) / choice.proposal
         prescribed = to_message(thin(stretched(theirs, (later - now) / (at - now))))
         lease_s = later - now + change_s + MARGIN_S

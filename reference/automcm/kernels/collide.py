@@ -209,15 +209,13 @@ def closest_approach_pairs(t: ArrayLike, xy_a: ArrayLike, xy_b: ArrayLike) -> Ap
     """
     times = array("t", t, 1)
     if len(times) == 0 or (np.diff(times) <= 0).any():
-        raise TrajectoryError("t: must have at least one point, and each after the one before")
+        raise TrajectoryError("t", "must have at least one point, and each after the one before")
     a, b = (np.asarray(xy, dtype=np.float64) for xy in (xy_a, xy_b))
     for name, xy in (("xy_a", a), ("xy_b", b)):
         if xy.ndim != 3 or xy.shape[1:] != (len(times), 2):
-            raise TrajectoryError(
-                f"{name}: must have shape (pairs, {len(times)}, 2), not {xy.shape}"
-            )
+            raise TrajectoryError(name, f"must have shape (pairs, {len(times)}, 2), not {xy.shape}")
     if len(a) != len(b):
-        raise TrajectoryError(f"xy_b: must have {len(a)} pairs, not {len(b)}")
+        raise TrajectoryError("xy_b", f"must have {len(a)} pairs, not {len(b)}")
     key, square = np.empty(len(a)), np.empty(len(a))
     for rows in _chunks(len(a), len(times)):
         x, y, *spare = _work(rows.stop - rows.start, len(times))
@@ -265,7 +263,7 @@ def _refuse(a: Floats, b: Floats, before: int) -> None:
     """Raises TrajectoryError for the first entry that is not finite."""
     for name, xy in (("xy_a", a), ("xy_b", b)):
         for pair, sample, axis in np.argwhere(~np.isfinite(xy))[:1]:
-            raise TrajectoryError(f"{name}[{before + pair}, {sample}, {axis}]: not a finite number")
+            raise TrajectoryError(name, "not a finite number", before + pair, sample, axis)
 
 
 def _least(

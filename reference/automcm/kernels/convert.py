@@ -95,10 +95,10 @@ def convert(
     begin = number("t0", t0)
     slow = number("v_eps", v_eps, 0, above=True)
     if len(v) != len(points):
-        raise TrajectoryError(f"speed: must have shape ({len(points)},), not {v.shape}")
+        raise TrajectoryError("speed", f"must have shape ({len(points)},), not {v.shape}")
     if (v < 0).any():
         n = int(np.flatnonzero(v < 0)[0])
-        raise TrajectoryError(f"speed[{n}]: {v[n]} is negative")
+        raise TrajectoryError("speed", f"{v[n]} is negative", n)
 
     closest = closest_points(points, here[None])
     k = int(closest.segment[0])

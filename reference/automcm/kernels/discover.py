@@ -28,7 +28,7 @@ class Candidate:
         xy, direction = pair("xy", self.xy), pair("direction", self.direction)
         length = np.hypot(*direction)
         if length == 0:
-            raise TrajectoryError("direction: must not be 0, 0")
+            raise TrajectoryError("direction", "must not be 0, 0")
         direction /= length
         for name, value in (("xy", xy), ("direction", direction)):
             value.flags.writeable = False
@@ -47,7 +47,7 @@ def inside(points: ArrayLike, zone: ArrayLike) -> NDArray[np.bool_]:
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
     if len(corners) < 3:
-        raise TrajectoryError(f"zone: must have at least 3 corners, not {len(corners)}")
+        raise TrajectoryError("zone", f"must have at least 3 corners, not {len(corners)}")
     a, b = corners, np.roll(corners, -1, axis=0)
     px, py = of[:, :1], of[:, 1:]
     step = b - a
@@ -87,7 +87,7 @@ def discover(candidates: Sequence[Candidate], zone: ArrayLike) -> int | None:
     ids = [each.station_id for each in candidates]
     if len(set(ids)) < len(ids):
         twice = next(i for n, i in enumerate(ids) if i in ids[:n])
-        raise TrajectoryError(f"candidates: station_id {twice} occurs twice")
+        raise TrajectoryError("candidates", f"station_id {twice} occurs twice")
     xy = np.array([each.xy for each in candidates]).reshape(-1, 2)
     n = np.array([each.direction for each in candidates]).reshape(-1, 2)
     here = sorted(np.flatnonzero(inside(xy, zone)), key=lambda i: ids[i])

@@ -54,7 +54,7 @@ def prescribe(
     number("gain", gain, 0)
     number("v_min", v_min, 0)
     if not planned.t[0] <= begin <= planned.t[-1]:
-        raise TrajectoryError(f"start: {begin} s is outside of the planned trajectory")
+        raise TrajectoryError("start", f"{begin} s is outside of the planned trajectory")
 
     # Times since the start, at which the planned speed or the phase of the action changes.
     plan, way = planned.t - begin, planned.arc()
@@ -65,9 +65,7 @@ def prescribe(
     reduced = np.where(times[:-1] >= hold, np.clip(v - v_min, 0, slower), 0)
     gained = np.concatenate([[0.0], np.cumsum(reduced * spans)])
     if gained[-1] < gain - NANOMETRE:
-        raise TrajectoryError(
-            f"planned: too short to gain {gain:g} m: only {gained[-1]:.3f} m by its end"
-        )
+        raise TrajectoryError("planned", f"too short to gain {gain:g} m: only {gained[-1]:.3f} m")
     k = min(int(np.searchsorted(gained, gain)), len(times) - 1)
     over = times[k]
     if gained[k] > gain:

@@ -55,7 +55,7 @@ class RoadLine:
         self._length = np.hypot(step[:, 0], step[:, 1])
         short = np.flatnonzero(self._length <= NANOMETRE)
         if len(short):
-            raise TrajectoryError(f"xy[{int(short[0]) + 1}]: repeats the point before it")
+            raise TrajectoryError("xy", "repeats the point before it", int(short[0]) + 1)
         self._unit = step / self._length[:, None]
         ux, uy = self._unit[:, 0], self._unit[:, 1]
         sin = ux[:-1] * uy[1:] - uy[:-1] * ux[1:]
@@ -67,9 +67,8 @@ class RoadLine:
         bends[:-1] |= cos <= 0
         sharp = np.flatnonzero(bends)
         if len(sharp):
-            raise TrajectoryError(
-                f"xy[{int(sharp[0])}]: the road bends too sharply for a reach of {self.reach:g} m"
-            )
+            why = f"the road bends too sharply for a reach of {self.reach:g} m"
+            raise TrajectoryError("xy", why, int(sharp[0]))
         self._s = np.concatenate([[0.0], np.cumsum(self._length)])
         self._heading = np.arctan2(uy, ux)
         self.length = float(self._s[-1])
@@ -151,7 +150,7 @@ class RoadLine:
         Raises TrajectoryError if ``d`` is not within the reach.
         """
         if not abs(d) < self.reach:
-            raise TrajectoryError(f"d: {d} m is not within the reach of {self.reach:g} m")
+            raise TrajectoryError("d", f"{d} m is not within the reach of {self.reach:g} m")
         return RoadLine(self.place(self._s, d), self.reach - abs(d))
 
     def zone(self, right: float, left: float, begin: float, end: float) -> Floats:

@@ -58,7 +58,7 @@ def prescription_bytes(trajectory: Trajectory) -> int:
     try:
         return len(JSON.encode(prescription))
     except messages.MessageError as error:
-        raise TrajectoryError(f"trajectory: {error}") from None
+        raise TrajectoryError("trajectory", str(error)) from None
 
 
 def thin(
@@ -96,7 +96,7 @@ def thin(
     thinned = first(ends)
     problem = excess(thinned, budget, size)
     if problem is not None:
-        raise TrajectoryError(f"budget: too small for the required points ({ends}): {problem}")
+        raise TrajectoryError("budget", f"too small for the required points ({ends}): {problem}")
     fits, exceeds, more = ends, len(ranked) + 1, FIRST_GUESS
     while exceeds - fits > 1:
         count = min(fits + more, exceeds - 1) if more else (fits + exceeds) // 2

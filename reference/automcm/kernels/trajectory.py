@@ -19,7 +19,12 @@ STAND = 1.0
 
 
 class TrajectoryError(ValueError):
-    """An invalid trajectory, path or parameter; the text names the index or the name."""
+    """An invalid trajectory, path or parameter: its name, and the index of the wrong entry."""
+
+    def __init__(self, name: str, why: str, *index: int) -> None:
+        place = f"[{', '.join(map(str, index))}]" if index else ""
+        super().__init__(f"{name}{place}: {why}")
+        self.name, self.index = name, index
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,13 +47,13 @@ class Trajectory:
         t = array("t", self.t, 1)
         xy = array("xy", self.xy, 2)
         if len(t) == 0:
-            raise TrajectoryError("t: must have at least one point")
+            raise TrajectoryError("t", "must have at least one point")
         if xy.shape != (len(t), 2):
-            raise TrajectoryError(f"xy: must have shape ({len(t)}, 2), not {xy.shape}")
+            raise TrajectoryError("xy", f"must have shape ({len(t)}, 2), not {xy.shape}")
         late = np.flatnonzero(np.diff(t) <= 0)
         if len(late):
             n = int(late[0]) + 1
-            raise TrajectoryError(f"t[{n}]: {t[n]} s is not after {t[n - 1]} s")
+            raise TrajectoryError("t", f"{t[n]} s is not after {t[n - 1]} s", n)
         for name, value in (("t", t), ("xy", xy)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -67,7 +72,7 @@ class Trajectory:
         wrong = np.flatnonzero((when < self.t[0]) | (when > last))
         if len(wrong):
             n = int(wrong[0])
-            raise TrajectoryError(f"times[{n}]: {when[n]} s is outside of the trajectory")
+            raise TrajectoryError("times", f"{when[n]} s is outside of the trajectory", n)
         return np.stack([np.interp(when, self.t, self.xy[:, axis]) for axis in (0, 1)], axis=1)
 
     def since(self, time: float) -> Trajectory:
@@ -95,14 +100,14 @@ def array(name: str, value: ArrayLike, ndim: int) -> Floats:
     try:
         made = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TrajectoryError(f"{name}: must be an array of numbers: {error}") from None
+        raise TrajectoryError(name, f"must be an array of numbers: {error}") from None
     if made.ndim != ndim:
-        raise TrajectoryError(f"{name}: must be {ndim}-dimensional, not {made.ndim}-dimensional")
+        raise TrajectoryError(name, f"must be {ndim}-dimensional, not {made.ndim}-dimensional")
     good = np.abs(made) <= LIMIT
     if not good.all():
         where = np.argwhere(~good)[0]
         problem = f"beyond {LIMIT:g}" if np.isfinite(made[tuple(where)]) else "not a finite number"
-        raise TrajectoryError(f"{name}[{', '.join(map(str, where))}]: {problem}")
+        raise TrajectoryError(name, problem, *where)
     return made
 
 
@@ -110,9 +115,8 @@ def path(name: str, value: ArrayLike, least: int = 1) -> Floats:
     """Points, shape (n, 2).  Raises TrajectoryError for another shape or fewer than ``least``."""
     made = array(name, value, 2)
     if made.shape[1] != 2 or len(made) < least:
-        raise TrajectoryError(
-            f"{name}: must have shape (n, 2) with n of at least {least}, not {made.shape}"
-        )
+        why = f"must have shape (n, 2) with n of at least {least}, not {made.shape}"
+        raise TrajectoryError(name, why)
     return made
 
 
@@ -120,7 +124,7 @@ def pair(name: str, value: ArrayLike) -> Floats:
     """A place or a direction, shape (2,).  Raises TrajectoryError for another shape."""
     made = array(name, value, 1)
     if len(made) != 2:
-        raise TrajectoryError(f"{name}: must have shape (2,), not {made.shape}")
+        raise TrajectoryError(name, f"must have shape (2,), not {made.shape}")
     return made
 
 
@@ -128,17 +132,17 @@ def number(name: str, value: float, least: float = -LIMIT, *, above: bool = Fals
     """Raises TrajectoryError unless finite and at least (``above``: more than) ``least``."""
     made = float(array(name, value, 0)) if not isinstance(value, float) else value
     if not abs(made) <= LIMIT:
-        raise TrajectoryError(f"{name}: must be a finite number of at most {LIMIT:g}, not {made}")
+        raise TrajectoryError(name, f"must be a finite number of at most {LIMIT:g}, not {made}")
     if made < least or (above and made == least):
         bound = f"{'above' if above else 'at least'} {least:g}"
-        raise TrajectoryError(f"{name}: must be {bound}, not {made}")
+        raise TrajectoryError(name, f"must be {bound}, not {made}")
     return made
 
 
 def whole(name: str, value: int, least: int) -> int:
     """Raises TrajectoryError unless a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise TrajectoryError(f"{name}: must be a whole number of at least {least}, not {value!r}")
+        raise TrajectoryError(name, f"must be a whole number of at least {least}, not {value!r}")
     return int(value)
 
 
@@ -164,11 +168,11 @@ def to_message(trajectory: Trajectory) -> messages.Trajectory:
     t = np.rint(trajectory.t * 1000).astype(np.int64)
     late = np.flatnonzero(np.diff(t) <= 0)
     if len(late):
-        raise TrajectoryError(f"t[{int(late[0]) + 1}]: less than 1 ms after the one before")
+        raise TrajectoryError("t", "less than 1 ms after the one before", int(late[0]) + 1)
     rows = np.column_stack([t - t[0], np.rint(trajectory.xy * 1000).astype(np.int64)])
     points = [(int(dt), int(x), int(y)) for dt, x, y in rows]
     if trajectory.stopped and (len(points) == 1 or points[-1][1:] != points[-2][1:]):
         points.append((points[-1][0] + round(STAND * 1000), *points[-1][1:]))
     if points[-1][0] > messages.LIMIT:
-        raise TrajectoryError(f"t: {points[-1][0]} ms exceeds the limit of a message")
+        raise TrajectoryError("t", f"{points[-1][0]} ms exceeds the limit of a message")
     return messages.Trajectory(t0=int(t[0]), points=tuple(points))

@@ -80,7 +80,8 @@ class Limits:
             least = 0.01 if field.name in ("reaction", "path") else 0
             number(field.name, getattr(self, field.name), least)
         if self.v_max < self.v_min:
-            raise TrajectoryError(f"v_max: must be at least v_min ({self.v_min}), not {self.v_max}")
+            why = f"must be at least v_min ({self.v_min}), not {self.v_max}"
+            raise TrajectoryError("v_max", why)
 
 
 def verify(

@@ -22,6 +22,8 @@ Two of them then differ in rate by at most 0.8 percent, besides their quartzes; 
 allows 1 percent."""
 CLOSE_S = 0.001
 """An AsyncioClock that is this close to the host's clock runs at the rate of the monotonic time."""
+ROUNDING_S = 2e-6
+"""An alarm is set so much later, because the time when it fires must not be before its own."""
 STEP_MS = 100
 """A larger change of the host's clock between two readings is reported as a step."""
 
@@ -36,13 +38,36 @@ class Clock(Protocol):
         """Call ``do`` at ``when_ms`` or as soon as possible after it; the result cancels it."""
 
 
+class _Alarms:
+    """Alarms by their times; those for the same time in the order of setting."""
+
+    def __init__(self) -> None:
+        self._set = 0
+        self._waiting: list[tuple[int, int, list[Callable[[], None]]]] = []
+
+    def add(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        what = [do]
+        self._set += 1
+        heapq.heappush(self._waiting, (when_ms, self._set, what))
+        return what.clear
+
+    def first_ms(self) -> int | None:
+        """The time of the first one that is not cancelled."""
+        while self._waiting and not self._waiting[0][2]:
+            heapq.heappop(self._waiting)
+        return self._waiting[0][0] if self._waiting else None
+
+    def take(self) -> Callable[[], None]:
+        """Remove the first one, after ``first_ms``."""
+        return heapq.heappop(self._waiting)[2][0]
+
+
 class VirtualClock:
     """Time that passes only in ``run``.  Alarms for the same time fire in the order of setting."""
 
     def __init__(self) -> None:
         self._now = 0
-        self._set = 0
-        self._alarms: list[tuple[int, int, list[Callable[[], None]]]] = []
+        self._alarms = _Alarms()
 
     def now(self) -> int:
         """The time in ms."""
@@ -50,17 +75,13 @@ class VirtualClock:
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
         """As ``Clock.at``."""
-        what = [do]
-        self._set += 1
-        heapq.heappush(self._alarms, (max(when_ms, self._now), self._set, what))
-        return what.clear
+        return self._alarms.add(max(when_ms, self._now), do)
 
     def run(self, until_ms: int) -> None:
         """Fire every alarm up to and including ``until_ms``, and set the time to it."""
-        while self._alarms and self._alarms[0][0] <= until_ms:
-            self._now, _, what = heapq.heappop(self._alarms)
-            if what:
-                what[0]()
+        while (first := self._alarms.first_ms()) is not None and first <= until_ms:
+            self._now = first
+            self._alarms.take()()
         self._now = max(self._now, until_ms)
 
 
@@ -87,7 +108,8 @@ class AsyncioClock:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._slept_before = _suspended()
-        self._set = 0
+        self._alarms = _Alarms()
+        self._timer: asyncio.TimerHandle | None = None
         self._stepped = stepped
         self._follows = zero is None
         self._read = self._monotonic()
@@ -123,25 +145,25 @@ class AsyncioClock:
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
         """As ``Clock.at``."""
-        # An alarm fires slightly late, because now() must not be before when_ms, and after earlier
-        # alarms, because asyncio does not keep the order of equal times.
-        self._set = self._set % 10_000 + 1
-        later = 2e-6 + self._set * 1e-8
-        handle: asyncio.TimerHandle
+        cancel = self._alarms.add(when_ms, do)
+        self._wait()
+        return cancel
 
-        def set_() -> None:
-            nonlocal handle
-            when = when_ms / 1000 - self._offset - self._slept() + later
-            handle = self._loop.call_at(when, ring)
+    def _wait(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if (first := self._alarms.first_ms()) is not None:
+            when = first / 1000 - self._offset - self._slept() + ROUNDING_S
+            self._timer = self._loop.call_at(when, self._ring)
 
-        def ring() -> None:
-            if self.now() < when_ms:  # the clock has slowed down
-                set_()
-            else:
-                do()
-
-        set_()
-        return lambda: handle.cancel()
+    def _ring(self) -> None:
+        self._timer = None
+        first = self._alarms.first_ms()
+        do = self._alarms.take() if first is not None and self.now() >= first else None
+        self._wait()  # for the next one, or again if the clock has slowed down
+        if do is not None:
+            do()
 
 
 class OffsetClock:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Iterable, Set
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Required, TypedDict, Unpack, get_args
 
 from automcm.security import cose
 from automcm.security.cose import Malformed, PrivateKey, PublicKey
@@ -96,27 +96,28 @@ def _cose_key(key: PublicKey) -> dict[int, Any]:
     return {_KTY: _EC2, _CRV: _P256, _X: numbers.x.to_bytes(32), _Y: numbers.y % 2 == 1}
 
 
-def issue(
-    authority: PrivateKey,
-    key: PublicKey,
-    *,
-    ids: Iterable[int],
-    not_before: int,
-    not_after: int,
-    roles: Iterable[Role] = ROLES,
-    scenarios: Iterable[str] | None = None,
-    station_type: int = 5,
-) -> Certificate:
+class Claims(TypedDict, total=False):
+    """The claims of a new certificate, as in ``Certificate``; by default all roles, of a car."""
+
+    ids: Required[Iterable[int]]
+    not_before: Required[int]
+    not_after: Required[int]
+    roles: Iterable[Role]
+    scenarios: Iterable[str] | None
+    station_type: int
+
+
+def issue(authority: PrivateKey, key: PublicKey, **given: Unpack[Claims]) -> Certificate:
     """A certificate for the holder of ``key``.  Raises ValueError for what ``read`` refuses."""
     claims = {
-        _EXPIRES: not_after,
-        _BEGINS: not_before,
+        _EXPIRES: given["not_after"],
+        _BEGINS: given["not_before"],
         _CNF: {_COSE_KEY: _cose_key(key)},
-        _IDS: sorted(ids),
-        _ROLES: sum(1 << ROLES.index(role) for role in {*roles}),
-        _STATION_TYPE: station_type,
+        _IDS: sorted(given["ids"]),
+        _ROLES: sum(1 << ROLES.index(role) for role in {*given.get("roles", ROLES)}),
+        _STATION_TYPE: given.get("station_type", 5),
     }
-    if scenarios is not None:
+    if (scenarios := given.get("scenarios")) is not None:
         claims[_SCENARIOS] = sorted(scenarios)
     header = {cose.KID: authority_digest(authority.public_key())}
     return read(cose.sign(authority, header, cose.encode(claims), _CONTEXT))

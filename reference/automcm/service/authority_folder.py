@@ -6,12 +6,13 @@ of revoked certificates), and in ``issued`` a copy of each certificate.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Unpack
 
 from automcm.security import certificates, cose
-from automcm.security.certificates import Certificate, Role
+from automcm.security.certificates import Certificate, Claims
 from automcm.service import key_files
 from automcm.service.key_files import CERTIFICATE, KEY, KeyFileError
 from automcm_spec.support import scratch
@@ -45,32 +46,13 @@ class AuthorityFolder:
         except OSError as error:
             raise KeyFileError(f"{self.folder}: {error.strerror}") from None
 
-    def issue(
-        self,
-        folder: Path,
-        *,
-        ids: Iterable[int],
-        not_before: int,
-        not_after: int,
-        roles: Iterable[Role] = certificates.ROLES,
-        scenarios: Iterable[str] | None = None,
-        station_type: int = 5,
-    ) -> Certificate:
+    def issue(self, folder: Path, **claims: Unpack[Claims]) -> Certificate:
         """A new key and its certificate in a new folder, with what a station needs to run.
 
         Also raises ValueError for claims that are out of bounds.
         """
         key = cose.new_key()
-        new = certificates.issue(
-            self._key,
-            key.public_key(),
-            ids=ids,
-            not_before=not_before,
-            not_after=not_after,
-            roles=roles,
-            scenarios=scenarios,
-            station_type=station_type,
-        )
+        new = certificates.issue(self._key, key.public_key(), **claims)
         with self._locked():
             lists = key_files.revoked_lists(self.folder)
             key_files.save(folder, key, self._keep(new), [self._key.public_key()], lists)

@@ -24,7 +24,7 @@ def sendings(t_timeout: float, t_resend: float) -> int:
     timeout, resend = number("t_timeout", t_timeout, 0), number("t_resend", t_resend, 0, above=True)
     quotient = timeout / resend
     if not math.isfinite(quotient):
-        raise TrajectoryError(f"t_resend: {t_resend} is too small")
+        raise TrajectoryError("t_resend", f"{t_resend} is too small")
     return 1 + math.floor(quotient * (1 + 1e-9))
 
 
@@ -58,10 +58,9 @@ def _loss(loss: ArrayLike) -> Floats:
     try:
         made = np.array(loss, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TrajectoryError(f"loss: must be an array of numbers: {error}") from None
+        raise TrajectoryError("loss", f"must be an array of numbers: {error}") from None
     good = (made >= 0) & (made <= 1)
     if not good.all():
         where = tuple(int(i) for i in np.argwhere(~good)[0])
-        place = f"loss[{', '.join(map(str, where))}]" if where else "loss"
-        raise TrajectoryError(f"{place}: must be between 0 and 1, not {made[where]}")
+        raise TrajectoryError("loss", f"must be between 0 and 1, not {made[where]}", *where)
     return made

@@ -170,7 +170,7 @@ def test_kin_2_what_fits_no_frame_is_thinned() -> None:
 
 def test_kin_2_what_cannot_be_thinned_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def thin(full: Any) -> Any:
-        raise TrajectoryError("budget: too small")
+        raise TrajectoryError("budget", "too small")
 
     monkeypatch.setattr(driven_trajectory, "thin", thin)
     for refused in (
