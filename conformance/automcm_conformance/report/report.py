@@ -24,7 +24,6 @@ from automcm_conformance.exchange.results import (
     Report,
     Verdict,
 )
-from automcm_spec.log_format.log import TimerEnd
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, printable
 from automcm_spec.support.templates import environment
@@ -59,7 +58,6 @@ NAMED = 5
 """A cause names at most this many other cases."""
 MAX_PAGES = 20
 """A run has at most this many pages; further cases have logs only."""
-INPUTS = ("receive", "command", "restart")
 LIMIT = 4000
 """At most this many characters of a text are shown; report.json has all."""
 _REPORT = TypeAdapter(Report)
@@ -108,9 +106,8 @@ def write_pages(report: Report, folder: Path) -> None:
 def _judge_by_kit(run: PageRun, case: CaseResult) -> None:
     """Set the verdict of the kit at the last input of a log, where the page then opens."""
     (log,), verdict = run.logs, run.verdicts[0]
-    inputs = [line for line, event in log.events if event.ev in INPUTS]
-    expiries = [line for line, event in log.events if isinstance(event, TimerEnd)]
-    line = max([*inputs, *expiries], default=verdict.finding.at.line)
+    inputs = (line for line, event in log.events if event.is_input)
+    line = max(inputs, default=verdict.finding.at.line)
     shown = case.failures[0] if case.failures else None
     found = Finding(
         "unexpected",

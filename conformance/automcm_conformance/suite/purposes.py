@@ -46,7 +46,7 @@ from automcm_spec.graph.oracle import Effect
 from automcm_spec.vocabulary import application
 from automcm_spec.vocabulary.application import Phase, Role, names
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, RELIABLE
-from automcm_spec.vocabulary.rules import RULES
+from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import (
     Cam,
     Command,
@@ -254,15 +254,11 @@ def _known(name: str, value: str) -> bool:
 def input_kind(i: Input) -> str:
     """The kind of an input: one of ``INPUTS``. The timers of a message carry its type."""
     match i:
-        case Receive(message=message):
-            return f"receive {message.type}"
-        case Command(name=name):
-            return f"command {name}"
-        case Expire(timer=(name, Entry() as entry)):
-            return f"expire {name} {entry.type}"
-        case Expire(timer=timer):
-            return f"expire {timer[0]}"
-    return i.kind
+        case Expire(timer=(_, Entry() as entry)):
+            return f"{kind(i)} {entry.type}"
+        case Cam():
+            return i.kind
+    return kind(i)
 
 
 def features(state: State, i: Input, effect: Effect, changes: bool, third: bool) -> Features:

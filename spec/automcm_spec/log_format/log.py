@@ -283,6 +283,27 @@ class EventBase(Part):
     """The delay of the station in this step, in milliseconds of its own clock, because its process
     was stopped or starved. A hint that is never trusted."""
 
+    @property
+    def is_cam(self) -> bool:
+        """Whether a CAM was sent or received."""
+        message = self.message if isinstance(self, Send | Receive) else None
+        return message is not None and message["type"] == "CAM"
+
+    @property
+    def is_cam_timer(self) -> bool:
+        """Whether this concerns the timer that each CAM of the partner re-arms."""
+        return isinstance(self, TimerArm | TimerEnd) and self.timer.name == "cam"
+
+    @property
+    def is_expiry(self) -> bool:
+        """Whether a timer expired."""
+        return isinstance(self, TimerEnd) and self.op == "expire"
+
+    @property
+    def is_input(self) -> bool:
+        """Whether a step of the station begins with this event."""
+        return self.is_expiry or isinstance(self, Receive | ApplicationCommand | Restart)
+
 
 class Receive(EventBase):
     """A message was received, or bytes that are not a message."""

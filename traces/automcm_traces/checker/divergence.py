@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from automcm_spec.log_format.log import ForgetTimer, MessageKey, MessageTimer, Part
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
 from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
-from automcm_spec.vocabulary.rules import RULES, handler
+from automcm_spec.vocabulary.rules import RULES, handler, kind
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
@@ -335,14 +335,12 @@ def _input(i: Input) -> str:
             extra = (
                 f" ({'accepted' if m.accepted else 'refused'})" if m.type == "Acceptance" else ""
             )
-            return f"receive {m.type} from {_station(m.src)}{extra}"
+            return f"{kind(i)} from {_station(m.src)}{extra}"
         case "cam":
-            return f"receive CAM from {_station(i.src)}"
-        case "command":
-            return f"command {i.name}"
+            return f"{kind(i)} from {_station(i.src)}"
         case "expire":
             return f"expire {short(i.timer)}"
-    return i.kind
+    return kind(i)
 
 
 def _station(p: int) -> str:

@@ -221,7 +221,7 @@ class Engine:
                 self.finish()
                 self._missed(at, event.t_ms, event)
                 self._input(at, event)
-        if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
+        if not (isinstance(event, Receive) and event.is_cam):
             self.since_ms = event.t_ms
         if event.phase is not None or event.role is not None:
             self._phase_is(at, event)
@@ -547,7 +547,7 @@ class Engine:
                 return
             case TimerEnd(timer=own) if own in last and turn(own) > turn(first):
                 text = f"expire {armed_name(own)}: {name}, due {ms} ms before, must expire first"
-            case ApplicationCommand() | Receive() if t_ms in last.values() and _is_input(event):
+            case ApplicationCommand() | Receive() if t_ms in last.values() and _is_taken(event):
                 text = f"{name}, due {ms} ms before, must expire first"
             case _:
                 return
@@ -575,8 +575,8 @@ class Engine:
         return self._specification.answer(t.me, t.state, Expire("expire", value))[0].rule
 
 
-def _is_input(event: Event) -> bool:
-    """Whether an event is a command or a message, and not bytes that are none (END-5)."""
+def _is_taken(event: Event) -> bool:
+    """Whether an event is a command or a well-formed message (END-5)."""
     m = event.message if isinstance(event, Receive) else None
     return isinstance(event, ApplicationCommand) or bool(m and not isinstance(typed(m), list))
 

@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Container
 
 from automcm_spec.log_format.log import (
-    ApplicationCommand,
     ApplicationIndication,
     Event,
     Header,
-    Receive,
     Restart,
     Send,
     Timer,
@@ -47,7 +45,7 @@ class LogStart:
         if isinstance(event, Restart):
             self.since_ms = event.t_ms
             return True
-        if _is_input(event) and self._forgotten(event.t_ms):
+        if _begins_step(event) and self._forgotten(event.t_ms):
             return True
         if _opens(event) or event.phase not in (None, "STANDALONE"):
             self.since_ms = None
@@ -59,7 +57,7 @@ class LogStart:
     def is_left_over(self, event: Event, timers: Container[Timer]) -> bool:
         """Whether an event, judged with these timers armed, only ends a timer of before: a restart
         stops them all, and the specification does not say how long forget and backoff last."""
-        if _is_input(event) or isinstance(event, Restart):
+        if _begins_step(event):
             self._restarting = isinstance(event, Restart)
         if not isinstance(event, TimerEnd) or event.timer in timers:
             return False
@@ -105,10 +103,6 @@ def _lasts_on(event: Event) -> bool:
     return isinstance(event, TimerArm) and event.timer.name in names
 
 
-def _is_input(event: Event) -> bool:
-    match event:
-        case Receive() | ApplicationCommand() | TimerEnd(op="expire"):
-            return True
-        case Send(message=message):
-            return message["type"] == "CAM"  # a step of its own
-    return False
+def _begins_step(event: Event) -> bool:
+    """Whether a step begins here; a sent CAM is a step of its own."""
+    return event.is_input or (isinstance(event, Send) and event.is_cam)

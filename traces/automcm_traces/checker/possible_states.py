@@ -21,12 +21,12 @@ from automcm_spec.log_format.log import (
     ApplicationIndication,
     Event,
     Header,
-    Receive,
     Send,
     Timer,
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Input, Outcome
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
@@ -67,7 +67,7 @@ class _Supposing(Engine):
             until_ms = min([until_ms, *due])
         if own is not None:
             del self.timers[own]
-        question = SpecInput(i, f"{_input_text(i)}, not logged")
+        question = SpecInput(i, f"{kind(i)}, not logged")
         step = self._begin_step(at, until_ms, None, question)
         step.since_ms, step.unseen = self.since_ms, True
         if i.kind == "restart" or (i.kind == "expire" and step.indication[0] == "fallback"):
@@ -138,7 +138,7 @@ class Possible:
             if isinstance(d, Late) and d.message:
                 self._missed[d.message] = f"is a copy missing? {d.finding.observed}"
         self._engines = list(search.taken.values())
-        if not _is_cam(event):
+        if not event.is_cam:
             self._after = at
 
     def finish(self) -> None:
@@ -193,7 +193,7 @@ class _Search:
         at once.
         """
         takes = self._try(engine.copy())
-        if takes and _is_cam(self.event):
+        if takes and self.event.is_cam:
             return  # an unobserved input may equally come later
         base = engine.copy()
         try:
@@ -333,14 +333,6 @@ def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
     return (3 + restarts, lacks) if lacks else (inf, 0)
 
 
-def _is_cam(event: Event) -> bool:
-    return (
-        isinstance(event, Send | Receive)
-        and event.message is not None
-        and event.message["type"] == "CAM"
-    )
-
-
 def _shows(answer: InputAnswer, event: Event) -> bool:
     """Whether an event may be an effect of an input."""
     outcome = answer.outcome
@@ -356,14 +348,3 @@ def _shows(answer: InputAnswer, event: Event) -> bool:
         case TimerEnd(op="stop", timer=timer):
             return any(one[0] == timer.name for one in outcome.stop)
     return False
-
-
-def _input_text(i: Input) -> str:
-    match i.kind:
-        case "receive":
-            return f"receive {i.message.type}"
-        case "command":
-            return f"command {i.name}"
-        case "expire":
-            return f"expire {i.timer[0]}"
-    return i.kind

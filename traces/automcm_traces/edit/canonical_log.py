@@ -12,9 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_spec.log_format.log import Event, Receive, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_spec.log_format.reader import Log
-from automcm_traces.edit.log_slice import is_input
 
 Json = Any
 IDS = ("dst", "src", "station", "target", "to")
@@ -82,9 +81,9 @@ class Canonical:
         """The steps, without CAMs and without the timer that each CAM re-arms."""
         step: list[tuple[int, Event]] = []
         for line, event in self._log.events:
-            if event.ev not in self._kinds or _sends_cam(event):
+            if event.ev not in self._kinds or (isinstance(event, Send) and event.is_cam):
                 continue
-            if is_input(event) and step:
+            if event.is_input and step:
                 yield from self._canonical_step(step)
                 step = []
             step.append((line, event))
@@ -93,13 +92,13 @@ class Canonical:
 
     def _canonical_step(self, step: list[tuple[int, Event]]) -> Iterator[CanonicalStep]:
         first = step[0][1]
-        if _receives_cam(first):
-            step = [(line, e) for line, e in step[1:] if not _cam_timer(e)]
+        if isinstance(first, Receive) and first.is_cam:
+            step = [(line, e) for line, e in step[1:] if not e.is_cam_timer]
             if not step:
                 return
         self._order(step)
         events = [self._canonical_event(line, event) for line, event in step]
-        if is_input(step[0][1]):
+        if step[0][1].is_input:
             yield CanonicalStep(events[0], events[1:])
         else:
             yield CanonicalStep(None, events)
@@ -187,16 +186,3 @@ class Canonical:
 def _named(value: dict[str, Json]) -> str:
     """The session of a message or timer as text, even if it is malformed."""
     return json.dumps(value.get("session"))
-
-
-def _sends_cam(event: Event) -> bool:
-    return isinstance(event, Send) and event.message["type"] == "CAM"
-
-
-def _receives_cam(event: Event) -> bool:
-    m = event.message if isinstance(event, Receive) else None
-    return m is not None and m["type"] == "CAM"
-
-
-def _cam_timer(event: Event) -> bool:
-    return isinstance(event, TimerArm | TimerEnd) and event.timer.name == "cam"

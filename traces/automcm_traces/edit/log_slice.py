@@ -106,8 +106,8 @@ class LogSlice:
         found: list[list[Item]] = []
         last: list[Item] | None = None
         for item in self.items:
-            alone = isinstance(item.event, Send) and item.event.message["type"] == "CAM"
-            if alone or last is None or is_input(item.event):
+            alone = isinstance(item.event, Send) and item.event.is_cam
+            if alone or last is None or item.event.is_input:
                 found.append([item])
                 last = last if alone else found[-1]
             else:
@@ -116,7 +116,7 @@ class LogSlice:
 
     def effects(self) -> list[list[Item]]:
         """Each event that is not an input."""
-        return [[item] for item in self.items if not is_input(item.event)]
+        return [[item] for item in self.items if not item.event.is_input]
 
     def by_session(self) -> dict[tuple[int, int], list[Item]]:
         """The steps of each session; a step that names none belongs to the session of the previous
@@ -154,11 +154,6 @@ class LogSlice:
             gone[key] -= values
         gone = {key: values for key, values in gone.items() if values}
         return self.having([_renumbered(item, gone, station) for item in moved] if gone else moved)
-
-
-def is_input(event: Event) -> bool:
-    """Whether a step begins with this event."""
-    return event.ev in ("receive", "command", "restart") or getattr(event, "op", "") == "expire"
 
 
 def _end(path: str | Path) -> dict[str, Json] | None:

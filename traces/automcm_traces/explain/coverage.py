@@ -162,7 +162,7 @@ class _Counter(Watcher):
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
         self._message(event)
-        if isinstance(event, Send) and event.message["type"] == "CAM":
+        if isinstance(event, Send) and event.is_cam:
             self._c.count(engine.track, engine.track.state, None)
 
     def ended(self, ending: Ending) -> None:

@@ -142,7 +142,7 @@ class Hints(Watcher):
     def _own_cam(self, event: Event) -> None:
         """Look for a pause between two CAMs of the station, with regular intervals around it. After
         a stop of the station the next interval is another."""
-        if not isinstance(event, Send) or event.message["type"] != "CAM":
+        if not (isinstance(event, Send) and event.is_cam):
             return
         self._own_cams = [*self._own_cams[-3:], event.t_ms]
         if len(self._own_cams) == 4:

@@ -8,10 +8,8 @@ from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
-    Event,
     Receive,
     Restart,
-    Send,
 )
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import TableRow
@@ -46,7 +44,7 @@ def diagram(
     are left out. Copies are one arrow, unless ``unfold``. After ``most`` arrows, a note states the
     number of the remaining messages.
     """
-    kept = [row for row in rows if not _is_cam(row.event)]
+    kept = [row for row in rows if row.event is None or not row.event.is_cam]
     known = {*stations, *(s for row in kept for a in row.arrows for s in (a.source, a.to))}
     known -= {ANYONE}
     yield "sequenceDiagram"
@@ -97,11 +95,6 @@ def _arrow(row: TableRow, arrow: Arrow, mark: str) -> str:
     words = summary(row.event).split(" ")
     label = [words[1], *words[3:]] if isinstance(row.event, Receive) else [words[0], *words[2:]]
     return f"S{arrow.source}{HEADS[arrow.fate]}S{arrow.to}: {_plain(' '.join(label))}{fate}"
-
-
-def _is_cam(event: Event | None) -> bool:
-    m = event.message if isinstance(event, Send | Receive) else None
-    return m is not None and m["type"] == "CAM"
 
 
 def _plain(text: str) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from html import escape
 
 from automcm_spec.log_format.event_text import safe, summary
-from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.log import Event, Send
 from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, Arrow
@@ -124,9 +124,7 @@ def _ordered(merged: Merged, starts: list[int]) -> list[Node]:
 
 def _drawn(merged: Merged, arrow: Arrow) -> bool:
     """Whether an arrow is drawn: it is no CAM, or a rejected message, which may be any."""
-    event = _event(merged, arrow)
-    message = event.message if isinstance(event, Send | Receive) else None
-    return arrow.fate == "rejected" or message is None or message["type"] != "CAM"
+    return arrow.fate == "rejected" or not _event(merged, arrow).is_cam
 
 
 def _start(arrow: Arrow) -> Node:
@@ -201,7 +199,7 @@ def _labels(
     for node, y in places.y.items():
         event, x = merged.event(node), places.x[merged.stations[node[0]]]
         last = max(places.x.values())
-        if isinstance(event, Send) and event.message["type"] != "CAM":
+        if isinstance(event, Send) and not event.is_cam:
             dst = event.message.get("dst")
             to = places.x[dst] if isinstance(dst, int) and dst in places.x else last - 1
             side, anchor = (6, "start") if to > x else (-6, "end")

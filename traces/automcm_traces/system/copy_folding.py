@@ -72,7 +72,6 @@ def key_of(station: int, event: Event, fate: Hashable = None) -> Key | None:
         return Key(summary(event), (station, event.ev, fate))
     if not isinstance(event, Send | Receive) or event.message is None:
         return None
-    m = event.message
-    if m["type"] == "CAM":
+    if event.is_cam:
         return None
-    return Key(content(m), (station, event.ev, fate))
+    return Key(content(event.message), (station, event.ev, fate))

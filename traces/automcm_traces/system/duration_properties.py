@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
-from automcm_spec.log_format.log import Event, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.log import Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_session
@@ -56,8 +56,9 @@ def sendings(log: Log) -> Iterator[Checked]:
     most, timed = giveup // resend, False
     count: Counter[str] = Counter()
     for line, e in log.events:
+        if e.is_input:
+            timed = isinstance(e, TimerEnd) and e.timer.name == "resend"
         if not isinstance(e, Send):
-            timed = _timed(e, timed)
             continue
         m = e.message
         if m["type"] not in RELIABLE or not m.get("seq"):
@@ -66,13 +67,6 @@ def sendings(log: Log) -> Iterator[Checked]:
         if timed or key not in count:
             count[key] += 1
             yield count[key] <= most, f"{log.file}:{line}: {key}, sent {count[key]} times of {most}"
-
-
-def _timed(event: object, timed: bool) -> bool:
-    """Whether a resend timer caused the events after this one."""
-    if isinstance(event, TimerEnd) and event.op == "expire":
-        return event.timer.name == "resend"
-    return timed if isinstance(event, TimerArm | TimerEnd) else False
 
 
 def leases(world: World) -> Iterator[Checked]:
@@ -106,19 +100,13 @@ def _armed(log: Log, at: int) -> tuple[int, int, int] | None:
     """The lease timer that runs after the step of an event: the event and time of arming, and the
     deadline."""
     last = at
-    while last + 1 < len(log.events) and _follows(log.events[last + 1][1]):
+    while last + 1 < len(log.events) and not log.events[last + 1][1].is_input:
         last += 1
     for k in range(last, -1, -1):
         e = log.events[k][1]
         if isinstance(e, TimerArm) and e.timer.name == "lease":
             return k, e.t_ms, e.deadline
     return None
-
-
-def _follows(event: Event) -> bool:
-    """Whether an event belongs to the step of the input before it."""
-    expired = isinstance(event, TimerEnd) and event.op == "expire"
-    return isinstance(event, Send | TimerArm | TimerEnd) and not expired
 
 
 def orders(world: World) -> Iterator[Checked]:

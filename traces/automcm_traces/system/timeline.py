@@ -13,7 +13,7 @@ from typing import Literal
 from automcm_spec.log_format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.vocabulary.messages import Fields, to_dict
-from automcm_spec.vocabulary.station import Input
+from automcm_spec.vocabulary.rules import kind
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
@@ -165,7 +165,7 @@ class Recorder(Watcher):
         if isinstance(event, Receive) and event.message is not None:
             sender = event.message.get("src")
             src, about = sender if isinstance(sender, int) else 0, session_of(event.message)
-        cause = cause_of(step.input)
+        cause = kind(step.input)
         acked = [(e.to, key_of(to_dict(e.message))) for e in gone] if cause == "receive Ack" else []
         late = forgot = 0
         if isinstance(event, TimerEnd):
@@ -215,20 +215,6 @@ class Recorder(Watcher):
             return
         known = made.moments[-1] if made.moments else Moment(0, 0, 0)
         made.last = (known.at, known.line, known.t_ms)
-
-
-def cause_of(i: Input) -> str:
-    """The kind of an input as text."""
-    match i.kind:
-        case "command":
-            return f"command {i.name}"
-        case "expire":
-            return f"expire {i.timer[0]}"
-        case "receive":
-            return f"receive {i.message.type}"
-        case "cam":
-            return "receive CAM"
-    return i.kind
 
 
 def _own(t: Track) -> tuple[object, ...]:

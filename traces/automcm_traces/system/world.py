@@ -10,8 +10,6 @@ from automcm_spec.log_format.log import (
     Event,
     Receive,
     Send,
-    TimerArm,
-    TimerEnd,
 )
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
@@ -154,9 +152,7 @@ class World:
         events = self.log(station).events
         for k in range(m.at + 1, len(events)):
             event = events[k][1]
-            stopped = isinstance(event, TimerEnd) and event.op == "stop"
-            sent = isinstance(event, Send) and event.message["type"] != "CAM"
-            if not (stopped or sent or isinstance(event, TimerArm | ApplicationIndication)):
+            if event.is_input or event.is_cam:
                 break
             found.append(event)
         return found

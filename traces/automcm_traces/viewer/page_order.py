@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping, Sequence
 
-from automcm_spec.log_format.log import Event, Receive
 from automcm_spec.log_format.reader import Log
 from automcm_traces.system.log_merge import Node
 
@@ -59,7 +58,7 @@ def order(
     while heap or any(waiting):
         if not heap:
             stuck = sorted(set().union(*waiting))
-            cams = [i for i in stuck if (i, at[i]) in needs and _is_cam(logs[i].events[at[i]][1])]
+            cams = [i for i in stuck if (i, at[i]) in needs and logs[i].events[at[i]][1].is_cam]
             torn = [together((i, at[i])) for i in stuck if (i, at[i]) in mates]
             if torn and cams:  # CAMs are not compared
                 del needs[cams[0], at[cams[0]]]
@@ -88,8 +87,3 @@ def order(
         for i in sorted(woken):
             offer(i)
     return found
-
-
-def _is_cam(event: Event) -> bool:
-    m = event.message if isinstance(event, Receive) else None
-    return m is not None and m["type"] == "CAM"
