@@ -1,4 +1,4 @@
-"""The layers, and text that no committed file may contain."""
+"""Text that no committed file may contain."""
 
 from __future__ import annotations
 

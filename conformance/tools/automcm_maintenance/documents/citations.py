@@ -73,15 +73,10 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
 
 
 def reasons() -> dict[tuple[str, str], str]:
-    """The reason for each empty cell by rule and column.  Raises ValueError for two reasons."""
-    found: dict[tuple[str, str], str] = {}
+    """The reason for an empty cell by rule and column."""
     others = (*RULES, *uncited.WITHOUT_VECTORS, *uncited.PROPERTIES)
-    for column, rules, why in [*uncited.WHY, ("vector", others, uncited.VECTORLESS)]:
-        for rule in rules:
-            if (rule, column) in found:
-                raise ValueError(f"{rule}, {column}: has two reasons; one is allowed")
-            found[rule, column] = why
-    return found
+    why = [*uncited.WHY, ("vector", others, uncited.VECTORLESS)]
+    return {(rule, column): text for column, rules, text in why for rule in rules}
 
 
 def table(root: Path) -> str:
