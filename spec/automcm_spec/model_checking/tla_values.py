@@ -2,6 +2,7 @@
 
     3, -1          int          <<1, 2>>            tuple
     "a"            str          {1, 2}, 1..2        frozenset
+    a              str          a model value
     TRUE, FALSE    bool         [a |-> 1]           Record
                                 (1 :> 2 @@ 3 :> 4)  Function
 
@@ -137,10 +138,10 @@ class _Reader:
         if self.token != _END:
             self.fail("the end")
 
-    def name(self) -> str:
+    def name(self, expected: str = "a name") -> str:
         name = self.token
         if not _NAME.match(name):
-            self.fail("a name")
+            self.fail(expected)
         self._advance()
         return name
 
@@ -169,7 +170,7 @@ class _Reader:
         if token[-1].isdecimal() and token.lstrip("-").isdecimal():
             self._advance()
             return self._interval(int(token)) if self.token == ".." else int(token)
-        self.fail("a value")
+        return self.name("a value")  # a model value
 
     def _values(self, close: str) -> Iterator[Value]:
         if self.skip(close):

@@ -77,7 +77,7 @@ def test_what_tlc_prints(text: str, value: Value) -> None:
         ("[a |-> 1", 8),
         ("{1,}", 3),
         ("1 2", 2),
-        ("abc", 0),
+        ("=", 0),
         ("[1 |-> 2]", 1),
         ('"abc', 0),
         ("(1 :> 2", 7),
@@ -98,6 +98,8 @@ def test_a_state() -> None:
         "st": (Record(a=1), 2),
     }
     assert parse_state("x = 0\n") == {"x": 0}
+    stations = "/\\ st = (a :> 1 @@ p :> 2)\n/\\ at = {p}\n"  # model values, as in one_by_three
+    assert parse_state(stations) == {"st": Record(a=1, p=2), "at": frozenset({"p"})}
     with pytest.raises(ValueSyntaxError):
         parse_state("/\\ x = 1 y = 2")
 
