@@ -19,12 +19,12 @@ def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
 
     from automcm_conformance.exchange.transcript import finding
     from automcm_traces.explain.coverage import measure
-    from automcm_traces.explain.explain import explain_file
+    from automcm_traces.explain.explain import verdict_of
 
     files = sorted(logs.rglob("*.ndjson"))
     covered = measure(files)
     outcome = run(scenario, REFERENCE, empty)
-    verdicts = [explain_file(file) for file in files]
+    verdicts = [verdict_of(file) for file in files]
     return {
         "verdicts": [
             {"verdict": v.verdict, "rule": v.finding.rule, "event": v.finding.observed}

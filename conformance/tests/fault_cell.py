@@ -23,7 +23,7 @@ from automcm.links.udp_link import BROADCAST_HOST, UdpLink
 from automcm.service.service import McService
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 
 HERE = Path(__file__).parent
 SETTINGS = {"t_timeout": 300, "t_resend": 50, "t_cam_loss": 1100, "t_decide": 300}
@@ -218,7 +218,7 @@ class Cell:
     def _judge_log(self, why: Why) -> None:
         log = self.folder / "1.ndjson"
         late = [json.loads(line).get("late_ms", 0) for line in log.read_bytes().splitlines()]
-        verdict = explain_file(log, max(LATE_MS, *late))  # it says itself when it was late
+        verdict = verdict_of(log, max(LATE_MS, *late))  # it says itself when it was late
         self.verdict = verdict.verdict
         if self.verdict == "unreadable" or (self.verdict == "diverges" and not why.diverges):
             self.problems.append(

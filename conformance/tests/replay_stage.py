@@ -15,7 +15,7 @@ from automcm.links.simulated_radio import Channel
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.writer import LogWriter
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 Json = Any
 REFERENCE = station()
@@ -72,4 +72,4 @@ def inputs(path: Path, *events: dict[str, Json], me: int = 7, **header: Json) ->
 
 def verdict(result: Json) -> str:
     """What ``automcm trace explain`` says of the new log."""
-    return explain_files([Path(result["log"])])[0].verdict
+    return verdicts_of([Path(result["log"])])[0].verdict

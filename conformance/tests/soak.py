@@ -36,7 +36,7 @@ from automcm_cli.reference.station_commands import carry_out
 from automcm_simulation.radio.relay import Relay
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 
 PARAMETERS = Parameters(t_timeout=1000, t_cam=500)
 REQUEST_EVERY_S = 20
@@ -208,7 +208,7 @@ class Soak:
             with path.open("rb") as file:
                 late = [int(line.split(b'"late_ms":')[1].split(b",")[0]) for line in file
                         if b'"late_ms":' in line]  # fmt: skip
-            verdict = explain_file(path, max([50, *late]))
+            verdict = verdict_of(path, max([50, *late]))
             verdicts[verdict.verdict] += 1
             events += verdict.events
             if verdict.verdict in ("diverges", "unreadable"):

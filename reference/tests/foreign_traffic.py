@@ -33,7 +33,7 @@ from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.intersection_traffic import LaneletIntersection
 from automcm_simulation.traffic_scenarios.traffic_run import RadioName, TrafficRun, wrong
 from automcm_spec.support.extras import missing
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 SEEDS = 2
 """Short drives of each scenario."""
@@ -111,7 +111,7 @@ def every_log_is_allowed() -> None:
     with tempfile.TemporaryDirectory() as folder:
         traffic = run.drive(logs=Path(folder))
         assert traffic.stations.completed, "there is a maneuver to judge"
-        verdicts = explain_files(sorted(Path(folder).glob("*.ndjson")))
+        verdicts = verdicts_of(sorted(Path(folder).glob("*.ndjson")))
         assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 10, verdicts
 
 

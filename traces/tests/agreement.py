@@ -185,7 +185,7 @@ def main(number: int) -> int:
     from tlc_engine import explain_batch
 
     from automcm_spec.log_format.reader import read
-    from automcm_traces.explain.explain import explain_file
+    from automcm_traces.explain.explain import verdict_of
 
     counts: Counter[tuple[str, str, str]] = Counter()
     odd = 0
@@ -195,7 +195,7 @@ def main(number: int) -> int:
         def judge(lines: Lines, name: str) -> tuple[str, int]:
             path = Path(folder) / f"{name}.ndjson"
             path.write_text("\n".join(lines) + "\n")
-            verdict = explain_file(path)
+            verdict = verdict_of(path)
             if verdict.verdict != "unreadable":  # both have the same reader
                 logs.append(read(path))
                 verdicts.append(verdict)

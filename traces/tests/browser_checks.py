@@ -11,7 +11,7 @@ from merged_runs import simulated
 from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_text
 
 from automcm_spec.log_format.reader import read
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 from automcm_traces.viewer import page_part
 
 SECURED = sorted((CORPUS / "secured").glob("*.ndjson"))
@@ -27,7 +27,7 @@ LARGE_MS = 920_000
 def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
     for entry in json.loads((CORPUS / "index.json").read_text()):
         log = CORPUS / entry["file"]
-        verdict = explain_file(log)
+        verdict = verdict_of(log)
         if verdict.verdict != "diverges" or log.parent.name != "bad":
             continue
         with browser.page(browser.write(log.stem, log)) as page:
@@ -52,7 +52,7 @@ def a_hint_at_the_log_is_shown(browser: Browser, folder: Path) -> None:
     for one in lines:
         one.pop("planned", None)
     path.write_text("".join(json.dumps(one) + "\n" for one in lines))
-    verdict = explain_file(path)
+    verdict = verdict_of(path)
     assert verdict.verdict == "diverges" and verdict.hint
     with browser.page(browser.write("hint", path)) as page:
         told = page.inner_text("#judged")
@@ -228,7 +228,7 @@ def what_is_downloaded_is_whole(browser: Browser, folder: Path) -> None:
         root = ElementTree.fromstring(got["save-svg"])
         assert root.tag.endswith("svg") and "var(--" not in got["save-svg"]
         (folder / "prefix.ndjson").write_text(got["save-log"])
-        again, first = explain_file(folder / "prefix.ndjson"), explain_file(log)
+        again, first = verdict_of(folder / "prefix.ndjson"), verdict_of(log)
         assert (again.verdict, again.finding.at.line, again.finding.rule) == (
             first.verdict,
             first.finding.at.line,
@@ -373,5 +373,5 @@ def steps_of_two_runs_lead_forward_and_back_to_the_same_state(
         with page.expect_download() as download:
             page.click("#save-log1")
         prefix = Path(download.value.path())
-        assert prefix.read_text().count("\n") > 10 and explain_file(prefix).verdict == "allowed"
+        assert prefix.read_text().count("\n") > 10 and verdict_of(prefix).verdict == "allowed"
         assert records(prefix)[0] == records(folder / "b" / "2002.ndjson")[0]

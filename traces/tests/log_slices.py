@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from automcm_traces.explain.explain import Verdict, explain_file
+from automcm_traces.explain.explain import Verdict, verdict_of
 
 PARTS = (
     ("send",),
@@ -39,7 +39,7 @@ def judged(
         lines.append(json.dumps(record | change))
     path = folder / "log.ndjson"
     path.write_text("\n".join(lines) + "\n")
-    return explain_file(path)
+    return verdict_of(path)
 
 
 def place(records: Records, ev: str, type_: str, number: int = 0) -> int:

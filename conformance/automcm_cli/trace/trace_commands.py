@@ -53,7 +53,7 @@ def explain(
 
     logs = files_of("explain", logs)
     several = len(logs) > 1
-    found = [explain_.explained(log, late, keep=several) for log in logs]
+    found = [explain_.judged_log(log, late, keep=several) for log in logs]
     verdicts = explain_.verdicts(found)
     system = explain_.together(found) if several else None
     written: list[dict[str, str]] = []

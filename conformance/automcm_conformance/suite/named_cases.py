@@ -15,7 +15,7 @@ from automcm_conformance.exchange.play import play
 from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.scenarios import scenario_cases
-from automcm_conformance.suite import off_graph_cases as special_
+from automcm_conformance.suite import off_graph_cases
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import PairPart, Tally
@@ -28,16 +28,16 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
     """Run a case by its name."""
     tally = runner.tallies[purpose.id]
     tally.total = 1
-    missing = special_.needs(purpose.case) - runner.features
+    missing = off_graph_cases.needs(purpose.case) - runner.features
     if missing or runner.cut_short:
         tally.skipped.update(sorted(missing)[:1])
         return
-    part = PairPart(part.name, special_.graph(purpose.case, part.oracle))
+    part = PairPart(part.name, off_graph_cases.graph(purpose.case, part.oracle))
     fresh = partial(runner.exchange, part.oracle)
     steps: list[Step] = []
     count = infeasible = 0
     try:
-        for x in special_.exchanges(purpose.case, fresh):
+        for x in off_graph_cases.exchanges(purpose.case, fresh):
             count += x is not None
             if count % COLLECT == 0:
                 gc.collect()  # finished exchanges hold themselves

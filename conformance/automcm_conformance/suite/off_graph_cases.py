@@ -92,7 +92,7 @@ def plain(fresh: Fresh, case: str) -> Played:
 
 
 def _lease(script: Script) -> int:
-    """The same, for scripts whose end matters."""
+    """The lease in ms: long, unless the script waits for its end."""
     return LEASE_MS if any(isinstance(v, At) and v.timer == ("lease",) for v in script) else LONG_MS
 
 

@@ -18,7 +18,7 @@ from station_stage import PRESCRIBER, RECEIVER, Road, Running, road
 from automcm.service.station_process import STOP_MS
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 BOTH = pytest.mark.parametrize("victim", [PRESCRIBER, RECEIVER])
 
@@ -91,7 +91,7 @@ def test_a_log_on_a_full_disk_ends_no_session_and_goes_on_when_there_is_room(
     missing = numbers[-1] - len(numbers)
     assert missing > 20 and lines[-1]["lost_records"] == missing
     assert errors.count(str(on.log(victim))) == 2 and str(missing) in errors
-    assert explain_files([on.log(victim)])[0].verdict == "cannot_tell"
+    assert verdicts_of([on.log(victim)])[0].verdict == "cannot_tell"
 
 
 def limit(running: Running, size: int) -> None:
@@ -158,7 +158,7 @@ def test_end_1_a_station_told_to_stop_cancels_its_session(
         assert stopped.wait() == 0
         peer.signal(signal.SIGTERM)
         peer.wait()
-    first, second = explain_files([on.log(PRESCRIBER), on.log(RECEIVER)])
+    first, second = verdicts_of([on.log(PRESCRIBER), on.log(RECEIVER)])
     assert (first.verdict, second.verdict) == ("allowed", "allowed")
     (abort,) = [e for e in events(on.log(victim), ev="command") if e["command"]["name"] == "abort"]
     assert abort["rule"] == "END-1" in RULES

@@ -35,7 +35,7 @@ from automcm_conformance.suite import purposes
 from automcm_spec.vocabulary.rules import RULES, line
 from automcm_traces.checker.finding import NOTHING_WRONG
 from automcm_traces.checker.track import INITIAL, Track
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 HELLO = HelloAnswer(
     protocol=1,
@@ -71,7 +71,7 @@ def test_the_reference_passes(name: str, tmp_path: Path) -> None:
     folders = {log.parent for log in logs}
     assert len(folders) == plays
     for folder in folders:
-        verdicts = explain_files([log for log in logs if log.parent == folder])
+        verdicts = verdicts_of([log for log in logs if log.parent == folder])
         assert {v.verdict for v in verdicts} == {"allowed"}
 
 
@@ -123,7 +123,7 @@ def test_limits_are_followed_and_lead_elsewhere(tmp_path: Path) -> None:
     hello = HELLO.model_copy(update={"fixed": {"max_participants": 1}})
     outcome = run("scenario three receivers", REFERENCE, tmp_path, hello)
     assert outcome.verdict == "SKIP" and "not applicable with max_participants 1" in outcome.reason
-    verdicts = explain_files([tmp_path / log for log in outcome.log])
+    verdicts = verdicts_of([tmp_path / log for log in outcome.log])
     assert {v.verdict for v in verdicts} == {"allowed"}
 
 

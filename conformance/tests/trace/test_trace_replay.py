@@ -14,7 +14,7 @@ from wrong_station import station
 from automcm_conformance.replay.log_compare import Renaming
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 # -- a station that is right
 
@@ -67,7 +67,7 @@ def test_own_sessions_of_the_log_are_renamed(logs: Path, tmp_path: Path) -> None
         return {k: other(v) for k, v in value.items()} if isinstance(value, dict) else value
 
     log = edited(logs / "1001.ndjson", tmp_path / "1001.ndjson", other)
-    assert explain_files([log])[0].verdict == "allowed"
+    assert verdicts_of([log])[0].verdict == "allowed"
     sessions = {
         r["message"]["session"][1]
         for r in records(log)
@@ -172,7 +172,7 @@ def test_the_failing_prefix_of_an_edited_log(logs: Path, tmp_path: Path) -> None
     )
     lines[at]["message"]["proposal"] += 1
     prefix = written(tmp_path / "prefix.ndjson", lines[: at + 1])
-    assert explain_files([prefix])[0].finding.at.line == at + 1
+    assert verdicts_of([prefix])[0].finding.at.line == at + 1
     code, result = replay(prefix, REFERENCE, tmp_path)
     assert (code, result["verdict"], result["same"]) == (0, "allowed", False)
     assert result["difference"]["line"] == at + 1
@@ -230,7 +230,7 @@ def test_a_wrong_station_diverges(name: str, logs: Path, tmp_path: Path) -> None
     assert rule in RULES and result["event"] and result["expected"] and result["guard"]
     assert records(source)[result["line"] - 1]["ev"] in ("receive", "command")
     assert result["input"] and result["exchange"] and result["inputs"] < result["total"]
-    again = explain_files([Path(result["log"])])[0]
+    again = verdicts_of([Path(result["log"])])[0]
     assert (again.verdict, again.finding.at.line) == ("diverges", result["log_line"])
     assert (again.finding.rule, again.finding.observed, result["in_log"]) == (
         rule,

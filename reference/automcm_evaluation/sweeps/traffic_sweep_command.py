@@ -108,11 +108,11 @@ def _checked(values: dict[str, Any]) -> dict[str, Any]:
 
 def not_allowed(logs: Sequence[Path]) -> list[str]:
     """A line for each log that ``trace explain`` does not allow."""
-    from automcm_traces.explain.explain import explain_files
+    from automcm_traces.explain.explain import verdicts_of
 
     return [
         f"{Path(one.file).name}:{one.finding.at.line}: {one.verdict}"
-        for one in explain_files(logs)
+        for one in verdicts_of(logs)
         if one.verdict != "allowed"
     ]
 

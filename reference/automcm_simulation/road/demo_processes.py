@@ -22,7 +22,7 @@ from automcm.links.simulated_radio import Channel
 from automcm.service.station_process import stopping
 from automcm_simulation.radio.relay import Relay
 from automcm_spec.support import children, files, scratch
-from automcm_traces.explain.explain import Verdict, explain_files
+from automcm_traces.explain.explain import Verdict, verdicts_of
 
 LIMIT_S = 50
 ENDING_S = 5
@@ -256,7 +256,7 @@ class Demo:
         for what, so in self._described():
             if not so:
                 self.problems.append(f"not as described: {what}")
-        self.verdicts = explain_files(self.logs, LATE_MS)
+        self.verdicts = verdicts_of(self.logs, LATE_MS)
         for vehicle, verdict in zip(self.vehicles, self.verdicts, strict=True):
             if verdict.verdict != "allowed":
                 where = f"{verdict.file}:{verdict.finding.at.line}"

@@ -21,7 +21,7 @@ from automcm_simulation.road.drive import FourVehicles, SimulatedDrive
 from automcm_simulation.road.road import Sample
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 
 def slowest(drive: SimulatedDrive, station_id: int) -> Sample:
@@ -50,7 +50,7 @@ def test_kin_4_the_four_vehicles_of_fig_6(speed_kmh: float, loss: float, tmp_pat
     in_order = sorted(drive.road.vehicles, key=lambda v: -v.x)
     assert [v.station_id for v in in_order] == [2, 1, 3, 4]
     assert all(v.y == LANE_WIDTH for v in drive.road.vehicles)
-    assert {v.verdict for v in explain_files(sorted(tmp_path.iterdir()))} == {"allowed"}
+    assert {v.verdict for v in verdicts_of(sorted(tmp_path.iterdir()))} == {"allowed"}
 
 
 def test_kin_5_when_it_moves_over_the_gap_has_grown_as_prescribed() -> None:

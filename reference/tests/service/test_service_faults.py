@@ -30,7 +30,7 @@ from automcm_spec.vocabulary.messages import (
     encode,
 )
 from automcm_spec.vocabulary.parameters import Parameters, in_header
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 
 ABOUT: dict[str, Any] = {"run": "r", "station": 1, "implementation": "i", "version": "1"}
 """A log's header."""
@@ -333,6 +333,6 @@ def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
     clock.run(5000)
     log.end("clean")
     assert len(wire.of("Advertisement")) == 20
-    assert explain_file(tmp_path / "log").verdict == "allowed"
+    assert verdict_of(tmp_path / "log").verdict == "allowed"
     events = [e for _, e in read(tmp_path / "log").events if e.ev == "send"]
     assert len(events) == service._sent

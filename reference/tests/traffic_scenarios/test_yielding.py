@@ -29,7 +29,7 @@ from automcm_simulation.traffic_scenarios.yielding import (
     arriving,
 )
 from automcm_spec.vocabulary import messages
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 X_M = 150.0
 
@@ -61,7 +61,7 @@ def test_the_first_in_the_window_arrives_later_and_the_others_follow(tmp_path: P
     assert "yields" in [what for _, what in first.story]
     assert first.ended == ["finished"] and first.vehicle.speed > 9
     assert min(s.acceleration for s in drive.road.of(3)) > -2.01
-    verdicts = explain_files(sorted(tmp_path.glob("*.ndjson")))
+    verdicts = verdicts_of(sorted(tmp_path.glob("*.ndjson")))
     assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 4
 
 

@@ -32,7 +32,7 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, durations, leas
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station
 from automcm_traces.checker.compared import wrongly_told
-from automcm_traces.checker.finding import Diverges, Late, Seen, Supposition
+from automcm_traces.checker.finding import Diverges, Late, Seen
 from automcm_traces.checker.track import (
     NO_INDICATION,
     RESTARTED,
@@ -146,16 +146,6 @@ class Engine:
         return other
 
     # -- the expected effects, for callers that drive a station while they write its log
-
-    @property
-    def states(self) -> int:
-        """The number of possible states of the specification, always 1 here."""
-        return 1
-
-    @property
-    def only_if(self) -> tuple[Supposition, ...]:
-        """The unobserved events without which the log would not be allowed, none here."""
-        return ()
 
     def takes(self, fields: Fields) -> bool:
         """Whether the current step expects this message to be sent."""

@@ -24,7 +24,7 @@ from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_traces.checker.finding import Finding
 from automcm_traces.edit.log_slice import Item, LogSlice
-from automcm_traces.explain.explain import Verdict, explain, explain_files, forged
+from automcm_traces.explain.explain import Verdict, explain, forged, verdicts_of
 from automcm_traces.explain.log_table import TableRow
 from automcm_traces.system.properties import SystemReport, judge
 
@@ -122,7 +122,7 @@ def shrink(
 
     Raises NothingToShrink and OSError.
     """
-    verdicts = explain_files(paths, late_ms)
+    verdicts = verdicts_of(paths, late_ms)
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
     if wrong is not None and wrong.finding.kind != "forged":
         alone = LogSlice.read(wrong.file, max(wrong.seen, wrong.finding.at.line))

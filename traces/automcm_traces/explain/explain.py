@@ -30,6 +30,7 @@ from automcm_traces.checker.finding import (
 )
 from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.log_start import MID_SESSION
+from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import InputStep, Track
 from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_columns import columns
@@ -235,14 +236,15 @@ class Noted:
         )
         if engine is None or not ending.decided:
             return verdict
+        if isinstance(engine, Possible):
+            only_if = () if diverges else engine.only_if
+            verdict = replace(verdict, possible_states=engine.states, only_if=only_if)
         return replace(
             verdict,
-            possible_states=engine.states,
             sessions=tuple(sessions.kept),
             number_of_sessions=sessions.number,
             recent=tuple(ending.recent) if diverges else (),
             seen=ending.line if diverges else 0,
-            only_if=() if diverges else engine.only_if,
         )
 
 
@@ -287,7 +289,7 @@ def _json(value: object) -> str:
 
 
 @dataclass(slots=True)
-class Explained:
+class JudgedLog:
     """A file that was read and checked once."""
 
     path: Path
@@ -301,19 +303,19 @@ class Explained:
     """The error, if the file is not a log."""
 
 
-def explained(
+def judged_log(
     path: Path, late_ms: int | None = None, keep: bool = True, watchers: Sequence[Watcher] = ()
-) -> Explained:
+) -> JudgedLog:
     """Read and check a file; with ``keep``, keep its events and its timeline."""
     try:
         stream = LogStream(path)
     except BadInput as error:
-        return Explained(path, Verdict(name_of(path), unreadable(error)), refused=error)
+        return JudgedLog(path, Verdict(name_of(path), unreadable(error)), refused=error)
     if not keep:
-        return Explained(path, explain(stream, late_ms, watchers))
+        return JudgedLog(path, explain(stream, late_ms, watchers))
     recorder, events = Recorder(stream), list[tuple[int, Event]]()
     verdict = explain(stream, late_ms, [recorder, *watchers], _kept(stream, events))
-    return Explained(path, verdict, stream.log(events), stream.complete, recorder.made)
+    return JudgedLog(path, verdict, stream.log(events), stream.complete, recorder.made)
 
 
 def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
@@ -322,18 +324,18 @@ def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[
         yield event
 
 
-def explain_file(path: Path, late_ms: int | None = None) -> Verdict:
+def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:
     """The verdict on the log in a file of any length."""
-    return explained(path, late_ms, keep=False).verdict
+    return judged_log(path, late_ms, keep=False).verdict
 
 
-def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
+def verdicts_of(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file. With several files, received messages are compared with the sent
     ones."""
-    return verdicts([explained(path, late_ms, keep=len(paths) > 1) for path in paths])
+    return verdicts([judged_log(path, late_ms, keep=len(paths) > 1) for path in paths])
 
 
-def verdicts(found: Sequence[Explained]) -> list[Verdict]:
+def verdicts(found: Sequence[JudgedLog]) -> list[Verdict]:
     """The verdicts; of several logs, one that received a forged message before any other problem
     diverges."""
     return with_forged([one.verdict for one in found], _complete_logs(found))
@@ -359,13 +361,13 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
     ]
 
 
-def together(found: Sequence[Explained]) -> SystemReport:
+def together(found: Sequence[JudgedLog]) -> SystemReport:
     """The system report on the logs of one run; unreadable logs are left out."""
     timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
     return judge(_complete_logs(found), timelines)
 
 
-def _complete_logs(found: Sequence[Explained]) -> list[Log]:
+def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:
     return [one.log for one in found if one.log is not None and one.complete]
 
 

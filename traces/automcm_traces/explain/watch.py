@@ -146,7 +146,7 @@ class Watch:
             log.finish()
         reports += self._over()
         if len(self._paths) > 1:
-            found = [explain.explained(path, self._late_ms) for path in self._paths]
+            found = [explain.judged_log(path, self._late_ms) for path in self._paths]
             self._together = explain.together(found)
             text = self._together.text(self._start_ms)
             reports.append(WatchReport("together", text, self._together.as_dict()))

@@ -40,7 +40,7 @@ class Bound:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Hazard:
     """A period in which the prescriber acted and its target was not committed."""
 
@@ -179,23 +179,23 @@ def _early(world: World, acts: Period, held: Period, length: Span) -> Hazard:
     bound = bound_of(world, acts) if begun_by else None
     outcome, why = _outcome(world, acts, held.station, length, bound, bool(begun_by))
     return Hazard(
-        acts.session,
-        acts.station,
-        held.station,
-        own.where(acts.start),
-        acts.start.t_ms,
-        line.where(held.start),
-        held.start.t_ms,
-        length,
-        False,
-        f"station {acts.station} acts before station {held.station} accepts",
-        (),
-        f"station {held.station} accepts",
-        bool(begun_by),
-        bound,
-        outcome if begun_by else "exceeds",
-        why if begun_by else "",
-        begun_by,
+        session=acts.session,
+        prescriber=acts.station,
+        target=held.station,
+        since=own.where(acts.start),
+        since_ms=acts.start.t_ms,
+        until=line.where(held.start),
+        until_ms=held.start.t_ms,
+        length=length,
+        open=False,
+        fault=f"station {acts.station} acts before station {held.station} accepts",
+        between=(),
+        ended=f"station {held.station} accepts",
+        excused=bool(begun_by),
+        bound=bound,
+        outcome=outcome if begun_by else "exceeds",
+        why=why if begun_by else "",
+        begun_by=begun_by,
     )
 
 
@@ -287,24 +287,24 @@ def _made(
     forged = bool(begun_by or prolonged_by)
     outcome, why = _outcome(world, acts, target, length, bound, forged)
     return Hazard(
-        acts.session,
-        acts.station,
-        target,
-        f"{where.file}:{begin.line}",
-        begin.t_ms,
-        f"{own.file}:{until_line}",
-        until_ms,
-        length,
-        end is None,
-        fault,
-        tuple(_between(world, acts, target, departure)) if departure is not None else (),
-        ended,
-        cause in EXCUSES or bool(begun_by),
-        bound,
-        outcome,
-        why,
-        begun_by,
-        prolonged_by,
+        session=acts.session,
+        prescriber=acts.station,
+        target=target,
+        since=f"{where.file}:{begin.line}",
+        since_ms=begin.t_ms,
+        until=f"{own.file}:{until_line}",
+        until_ms=until_ms,
+        length=length,
+        open=end is None,
+        fault=fault,
+        between=tuple(_between(world, acts, target, departure)) if departure is not None else (),
+        ended=ended,
+        excused=cause in EXCUSES or bool(begun_by),
+        bound=bound,
+        outcome=outcome,
+        why=why,
+        begun_by=begun_by,
+        prolonged_by=prolonged_by,
     )
 
 

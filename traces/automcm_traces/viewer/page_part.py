@@ -15,7 +15,7 @@ from automcm_spec.log_format.event_text import session_of
 from automcm_spec.log_format.log import End, Event, Header, Receive, Send, UnknownEvent
 from automcm_spec.log_format.reader import Log, LogStream, NotJsonError, parse
 from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.explain.explain import Explained
+from automcm_traces.explain.explain import JudgedLog
 
 MOST_EVENTS = 100_000
 """In all logs of a run. Each event takes 5 to 7 KB while the page is made."""
@@ -105,7 +105,7 @@ def too_long(paths: Sequence[Path]) -> str:
     return ""
 
 
-def around(found: Sequence[Explained]) -> tuple[list[Path], PagePart]:
+def around(found: Sequence[JudgedLog]) -> tuple[list[Path], PagePart]:
     """The lines around the first divergence, or the first lines of the first log; and the files in
     the order in which ``parts`` takes them."""
     paths = [one.path for one in found]

@@ -15,7 +15,7 @@ from automcm_spec.log_format.log import Receive, Send, transmission
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
-from automcm_traces.explain.explain import Explained, Verdict, explained, together, verdicts
+from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, together, verdicts
 from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
@@ -107,12 +107,12 @@ def load(
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
     logs: list[tuple[Path, Log]] = []
-    found: list[Explained] = []
+    found: list[JudgedLog] = []
     note = reason = ""
     if part is not None:
         logs, note = parts(paths, part)
     elif reason := too_long(paths):
-        found = [explained(path, late_ms, keep=False) for path in paths]
+        found = [judged_log(path, late_ms, keep=False) for path in paths]
         ordered, part = around(found)
         logs, note = parts(ordered, part)
         note += f" {reason}. {CHOOSE.capitalize()} to see another."
@@ -123,7 +123,7 @@ def load(
         for path, span in lines.items():
             _until(path, span[-1], late_ms, states[path])
     else:
-        found = [explained(path, late_ms, part is None, [states[path]]) for path in paths]
+        found = [judged_log(path, late_ms, part is None, [states[path]]) for path in paths]
     if part is None:
         logs = [(one.path, one.log) for one in found if one.log is not None]
         refused = [one.refused for one in found if one.refused is not None]

@@ -18,7 +18,7 @@ from automcm_traces.checker import divergence
 from automcm_traces.checker.divergence import Action, Question
 from automcm_traces.checker.input_alphabet import alphabet
 from automcm_traces.checker.track import ROUNDS, MemoryLimits, OutboxEntry, Track
-from automcm_traces.explain.explain import explain_file, text
+from automcm_traces.explain.explain import text, verdict_of
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 ME, PEER, OTHER = 4711, 815, 1616
@@ -221,20 +221,20 @@ def test_act_3_a_fin_of_a_receiver_is_not_blamed_on_the_last_input(tmp_path: Pat
     log[-1]["seq"] = len(log) - 2
     path = tmp_path / "log.ndjson"
     path.write_text("".join(json.dumps(record) + "\n" for record in log))
-    verdict = explain_file(path)
+    verdict = verdict_of(path)
     assert (verdict.finding.at.line, verdict.finding.rule) == (n + 4, "NEG-9")
     said = verdict.finding.why.nearest
     assert said.startswith("nearest allowed: ACT-3 send Fin (OnComplete) by command complete,")
     assert guards(said) == [('st.role = "prescriber"', True)] and "st.role = receiver" in said
     assert "  last input decided by NEG-9: " in text(verdict)
-    assert "  by ADV-5: " in text(explain_file(CORPUS / "bad/ack_missing.ndjson"))
+    assert "  by ADV-5: " in text(verdict_of(CORPUS / "bad/ack_missing.ndjson"))
 
 
 def test_a_divergence_of_a_complete_log_loads_no_graph() -> None:
     code = (
         "import sys\n"
-        "from automcm_traces.explain.explain import explain_file\n"
-        "print(explain_file(sys.argv[1]).finding.why.causes)\n"
+        "from automcm_traces.explain.explain import verdict_of\n"
+        "print(verdict_of(sys.argv[1]).finding.why.causes)\n"
         "print('automcm_spec.graph.oracle' in sys.modules)\n"
         "print(next(line for line in open('/proc/self/status') if 'VmHWM' in line))\n"
     )

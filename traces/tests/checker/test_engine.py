@@ -25,7 +25,7 @@ from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.follow import NEEDED
 from automcm_traces.checker.track import INITIAL, CannotTell, OutboxEntry
-from automcm_traces.explain.explain import explain, explain_files
+from automcm_traces.explain.explain import explain, verdicts_of
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
 
@@ -44,8 +44,8 @@ def test_no_log_loads_a_graph(name: str, verdict: str) -> None:
     """The first answer comes in 0.3 s of CPU, with 40 MB; a graph takes 200."""
     code = (
         "import sys\n"
-        "from automcm_traces.explain.explain import explain_file\n"
-        "print(explain_file(sys.argv[1]).verdict)\n"
+        "from automcm_traces.explain.explain import verdict_of\n"
+        "print(verdict_of(sys.argv[1]).verdict)\n"
         "print('automcm_spec.graph.oracle' in sys.modules)\n"
         "print(next(line for line in open('/proc/self/status') if 'VmHWM' in line))\n"
     )
@@ -183,4 +183,4 @@ def test_pre_5_a_choice_without_a_proposal_is_a_wrong_one(tmp_path: Path) -> Non
         for name in ("prescribe", "accept", "refuse"):
             log.event("command", 10, command={"name": name, "session": [1, 1], "proposal": 0})
             log.event("indication", 10, indication={"name": "refused"})
-    assert explain_files([tmp_path / "1.ndjson"])[0].verdict == "allowed"
+    assert verdicts_of([tmp_path / "1.ndjson"])[0].verdict == "allowed"

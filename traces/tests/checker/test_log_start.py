@@ -17,7 +17,7 @@ from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.log import Header, Receive, Restart, Send
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.log_start import LogStart, remembered_for
-from automcm_traces.explain.explain import Verdict, explain_file, text
+from automcm_traces.explain.explain import Verdict, text, verdict_of
 from automcm_traces.explain.lint import level, lint
 
 Json = Any
@@ -50,7 +50,7 @@ def judged(folder: Path, lines: list[Json], cut: int, *, marked: bool = False) -
         header = header | {"begins": "running"}
     path = folder / "cut.ndjson"
     path.write_text("".join(json.dumps(line) + "\n" for line in [header, *events]))
-    return explain_file(path)
+    return verdict_of(path)
 
 
 def two_sessions(folder: Path, seed: int) -> list[list[Json]]:

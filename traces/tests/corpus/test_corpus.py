@@ -19,7 +19,7 @@ from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Restart, Session
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.track import InputStep, Track
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
 ENTRIES = index(CORPUS)
@@ -39,7 +39,7 @@ def test_the_index_names_every_log_and_no_other() -> None:
 @pytest.mark.parametrize("entry", of("bad"), ids=lambda entry: Path(entry.file).stem)
 def test_what_is_wrong_is_named_at_its_line(entry: CorpusEntry) -> None:
     beside = [CORPUS / entry.beside] if entry.beside else []
-    verdict = explain_files([*beside, CORPUS / entry.file])[-1]
+    verdict = verdicts_of([*beside, CORPUS / entry.file])[-1]
     assert (verdict.verdict, verdict.finding.at.line) == (entry.verdict, entry.line), verdict
     assert verdict.finding.rule == entry.rule or entry.verdict != "diverges", verdict
 
@@ -53,13 +53,13 @@ def test_good_logs_are_allowed(kind: str) -> None:
     for entry in entries:
         walk = entry.file.split("-")[0] if kind == "behaviours" else kind
         together.setdefault(walk, []).append(CORPUS / entry.file)
-    verdicts = [verdict for files in together.values() for verdict in explain_files(files)]
+    verdicts = [verdict for files in together.values() for verdict in verdicts_of(files)]
     assert [v.file for v in verdicts if v.verdict != "allowed"] == []
 
 
 def test_counterexamples_are_judged_as_the_index_says() -> None:
     entries = of("counterexamples")
-    found = [explain_files([CORPUS / entry.file])[0] for entry in entries]
+    found = [verdicts_of([CORPUS / entry.file])[0] for entry in entries]
     assert [(v.verdict, v.finding.at.line, v.finding.rule) for v in found] == [
         (entry.verdict, entry.line, entry.rule) for entry in entries
     ]

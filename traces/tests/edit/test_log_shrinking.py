@@ -20,7 +20,7 @@ from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Cam, Entry, Expire, Input
 from automcm_traces.edit.log_shrinking import NothingToShrink, Shrunk, masked, shrink
 from automcm_traces.edit.log_slice import LogSlice
-from automcm_traces.explain.explain import explain_file, explain_files
+from automcm_traces.explain.explain import verdict_of, verdicts_of
 from automcm_traces.explain.lint import report
 from automcm_traces.system.properties import judge
 
@@ -203,10 +203,10 @@ BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "div
 def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -> None:
     paths = [CORPUS / entry["file"]]
     paths += [CORPUS / entry["beside"]] if "beside" in entry else []
-    before = explain_files(paths)[0]
+    before = verdicts_of(paths)[0]
     found = shrink(paths)
     small = written(found, tmp_path)
-    after = explain_files(small)
+    after = verdicts_of(small)
     assert (after[0].verdict, after[0].finding.rule) == ("diverges", before.finding.rule)
     assert after[0].finding.at.line == found.line_now
     assert after[0].finding.observed.split()[:2] == before.finding.observed.split()[:2]
@@ -243,7 +243,7 @@ def test_what_is_wrong_only_beside_another_log_keeps_one(tmp_path: Path) -> None
     found = shrink([path, CORPUS / "pair/1001.ndjson"], tries=200)
     assert found.finding.kind == "forged" and len(found.logs) == 2
     (small := tmp_path / "small").mkdir()
-    after = explain_files(written(found, small))
+    after = verdicts_of(written(found, small))
     assert [v.finding.kind for v in after] == ["forged", "nothing"]
 
 
@@ -256,13 +256,13 @@ def test_a_log_that_is_wrong_by_itself_needs_no_other() -> None:
 def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path: Path) -> None:
     """S-4: each log is allowed, both act, and not on the same proposal."""
     paths = sorted((CORPUS / "counterexamples/memory_dropped").iterdir())
-    assert {v.verdict for v in explain_files(paths)} == {"allowed"}
+    assert {v.verdict for v in verdicts_of(paths)} == {"allowed"}
     found = shrink(paths)
     assert found.finding.property == "S-4"
     assert len(found.logs) == 2
     assert sum(len(log.items) for log in found.logs) < sum(found.before.values())
     small = written(found, tmp_path)
-    assert {v.verdict for v in explain_files(small)} == {"allowed"}
+    assert {v.verdict for v in verdicts_of(small)} == {"allowed"}
     judged = {j.property: j.outcome for j in judge([read(path) for path in small]).properties}
     assert judged["S-4"] == "violated"
 
@@ -292,13 +292,13 @@ def test_a_log_of_other_promises_keeps_them(tmp_path: Path) -> None:
     log.at(1)["complete"] = ["command", "receive", "send"]
     path = tmp_path / "some.ndjson"
     path.write_bytes(log.text())
-    before = explain_file(path)
+    before = verdict_of(path)
     assert before.verdict == "diverges"
     found = shrink([path], tries=200)
     small = written(found, tmp_path / "small")[0]
     assert json.loads(small.read_bytes().splitlines()[0]) == log.at(1)
-    assert explain_file(small).verdict == "diverges"
-    assert explain_file(small).finding.rule == before.finding.rule
+    assert verdict_of(small).verdict == "diverges"
+    assert verdict_of(small).finding.rule == before.finding.rule
 
 
 @pytest.mark.slow

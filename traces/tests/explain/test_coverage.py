@@ -18,7 +18,7 @@ from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import CONDITIONS
 from automcm_traces.explain.coverage import EXIT, LogCoverage, exit_code, measure, possible, text
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +184,7 @@ def test_a_log_that_does_not_promise_all_does_not_diverge(logs: list[Path], tmp_
     lines.append(kept[-1] | {"seq": len(kept) - 1})
     part = tmp_path / "part.ndjson"
     part.write_text("".join(json.dumps(record) + "\n" for record in lines))
-    assert explain_file(part).verdict == "allowed"
+    assert verdict_of(part).verdict == "allowed"
     [(_, at, what, why)] = measure([part]).problems
     assert what == "cannot_tell" and at > 1
     assert "the log does not promise command, restart, timer" in why

@@ -26,11 +26,11 @@ from automcm_traces.explain.explain import (
     Verdict,
     exit_code,
     explain,
-    explain_file,
-    explain_files,
-    explained,
+    judged_log,
     text,
     together,
+    verdict_of,
+    verdicts_of,
 )
 from automcm_traces.explain.lint import report
 from automcm_traces.viewer.page_run import load
@@ -75,7 +75,7 @@ def where(verdict: Verdict) -> tuple[str, int, str]:
 
 
 def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
-    verdicts = explain_files(logs)
+    verdicts = verdicts_of(logs)
     assert [v.verdict for v in verdicts] == ["allowed"] * 4
     assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
 
@@ -95,7 +95,7 @@ def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.Monke
     monkeypatch.setattr(reader, "parse", parse)
     monkeypatch.setattr(Engine, "feed", feed)
     paths = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
-    for way in (lambda: together([explained(path) for path in paths]), lambda: load(paths)):
+    for way in (lambda: together([judged_log(path) for path in paths]), lambda: load(paths)):
         way()
         assert len(read_) > 200 and set(read_.values()) == {1}
         assert len(fed) > 200 and set(fed.values()) == {1}
@@ -111,7 +111,7 @@ def test_msg_1_stations_that_overhear_everything_are_allowed(
     monkeypatch.setattr(Radio, "_send", lambda self, src, data, _, tx: send(self, src, data, 0, tx))
     paths = four_stations(tmp_path)
     overheard = find(paths[1], "receive", type="Ack", dst=3003)
-    assert overheard and exit_code(explain_files(paths)) == 0
+    assert overheard and exit_code(verdicts_of(paths)) == 0
 
 
 @pytest.mark.parametrize(
@@ -122,13 +122,13 @@ def test_how_late_a_timer_may_be_can_be_told(
 ) -> None:
     """A log in which everything from the first expiry on is 60 ms later."""
     late = edited(logs[0], tmp_path, later(find(logs[0], "timer", op="expire"), 60))
-    assert explain_files([late], late_ms)[0].verdict == verdict
+    assert verdicts_of([late], late_ms)[0].verdict == verdict
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> None:
     parameters = Parameters(t_timeout=(0, 1000, 2000)[seed % 3], max_rounds=1 + seed % 5, t_cam=500)
-    assert exit_code(explain_files(four_stations(tmp_path, seed, parameters))) == 0
+    assert exit_code(verdicts_of(four_stations(tmp_path, seed, parameters))) == 0
 
 
 @pytest.mark.slow
@@ -146,7 +146,7 @@ def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None
         simulation.restart(chance.randrange(11, 17), at=chance.randrange(3000, 9000))
         simulation.command(12, Abort(session=(11, 1)), at=4000)
         simulation.run(until=25_000)
-        verdicts = explain_files(sorted(folder.iterdir()))
+        verdicts = verdicts_of(sorted(folder.iterdir()))
         assert [text(v) for v in verdicts if v.verdict != "allowed"] == []
 
 
@@ -194,7 +194,7 @@ def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_pat
     number = find(logs[2], "receive", type="Advertisement")
     changed = edited(logs[2], tmp_path, put(number, "scenario", "merge"))
     assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
-    verdicts = explain_files([logs[0], changed])
+    verdicts = verdicts_of([logs[0], changed])
     assert where(verdicts[1]) == ("diverges", number, "forged")
     assert verdicts[1].finding.expected == ('scenario: "lane_change" was sent, not "merge"',)
 
@@ -208,7 +208,7 @@ def test_the_small_log_of_the_page_is_what_it_says(tmp_path: Path) -> None:
         path = tmp_path / "log.ndjson"
         path.write_text(content)
         assert report(path, 0).verdict == "clean"
-        found.append(explain_file(path))
+        found.append(verdict_of(path))
     assert [v.verdict for v in found] == ["allowed", "diverges"]
     last = found[1].finding
     assert last.at.line == 7 and f"`{last.observed}`" in " ".join(page.split())
@@ -298,7 +298,7 @@ def test_end_5_a_message_without_its_fields_calls_for_nothing(
 
 def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
     (tmp_path / "empty.ndjson").write_text("")
-    verdicts = explain_files([tmp_path / "empty.ndjson", tmp_path / "none.ndjson"])
+    verdicts = verdicts_of([tmp_path / "empty.ndjson", tmp_path / "none.ndjson"])
     assert [v.verdict for v in verdicts] == ["unreadable", "unreadable"]
     assert exit_code(verdicts) == 3 and "none.ndjson" in text(verdicts[1])
 
@@ -308,7 +308,7 @@ def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so(
 ) -> None:
     path = tmp_path / "cut.ndjson"
     path.write_text("".join(logs[2].read_text().splitlines(keepends=True)[:60]))
-    (verdict,) = explain_files([path])
+    (verdict,) = verdicts_of([path])
     assert verdict.verdict == "allowed" and len(verdict.warnings) == 1
     assert "warning: " in text(verdict) and verdict.as_dict()["warnings"]
 
@@ -326,7 +326,7 @@ def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> N
     other = tmp_path / "other.ndjson"
     text_ = four_stations(tmp_path, 4)[0].read_text()
     other.write_text(text_)
-    assert {v.verdict for v in explain_files([*logs[1:], other])} == {"allowed"}
+    assert {v.verdict for v in verdicts_of([*logs[1:], other])} == {"allowed"}
 
 
 def test_a_late_timer_is_told_with_what_the_station_says_of_it(
@@ -336,8 +336,8 @@ def test_a_late_timer_is_told_with_what_the_station_says_of_it(
     n = find(logs[1], "timer", op="expire")
     late = edited(logs[1], tmp_path, later(n, 900))
     path = edited(late, tmp_path, lambda log: log.at(n).update(late_ms=900))
-    verdict = explain_file(path)
+    verdict = verdict_of(path)
     assert verdict.verdict == "diverges"
     hint = f"the station reports that it was 900 ms late (late_ms, line {n})"
     assert hint in verdict.finding.observed
-    assert "late_ms" not in explain_file(path, 1000).finding.observed
+    assert "late_ms" not in verdict_of(path, 1000).finding.observed

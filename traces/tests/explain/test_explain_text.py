@@ -10,7 +10,7 @@ from merged_runs import Run, apart
 
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
-from automcm_traces.explain.explain import explain_file, start_times, text
+from automcm_traces.explain.explain import start_times, text, verdict_of
 from automcm_traces.system.properties import SystemReport, judge
 
 CORPUS = Path(__file__).parents[2] / "corpus"
@@ -32,10 +32,10 @@ def later(path: Path, folder: Path) -> Path:
 @pytest.mark.parametrize("file", BAD)
 def test_the_text_of_a_verdict_is_the_same_whatever_the_epoch(file: str, tmp_path: Path) -> None:
     path = CORPUS / file
-    verdict = explain_file(path)
+    verdict = verdict_of(path)
     if verdict.verdict == "unreadable":
         return
-    moved = explain_file(later(path, tmp_path))
+    moved = verdict_of(later(path, tmp_path))
     shown = [text(v, start_times([v])).replace(v.file, "LOG") for v in (verdict, moved)]
     assert shown[0] == shown[1] and str(EPOCH)[:7] not in shown[1]
     if verdict.recent:

@@ -14,7 +14,7 @@ from merged_runs import simulated
 
 from automcm_maintenance.corpus.corpus import index
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import Verdict, explain_file, explain_files, text
+from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
 
 Json = Any
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
@@ -35,7 +35,7 @@ def judged(folder: Path, lines: list[Json]) -> Verdict:
             record["seq"] = number
     path = folder / "edited.ndjson"
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    return explain_file(path)
+    return verdict_of(path)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_no_station_of_the_corpus_is_excused() -> None:
     assert len(entries) > 30
     for entry in entries:
         beside = [CORPUS / entry.beside] if entry.beside else []
-        verdict = explain_files([*beside, CORPUS / entry.file])[-1]
+        verdict = verdicts_of([*beside, CORPUS / entry.file])[-1]
         assert verdict.verdict == "diverges" and verdict.hint == "", text(verdict)
 
 

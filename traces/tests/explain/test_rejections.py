@@ -11,7 +11,7 @@ from page_rows import CORPUS, DELIVERED, REJECTED, Json, events, fives
 
 from automcm.security.verifier import Rejection
 from automcm_spec.log_format.reader import read
-from automcm_traces.explain.explain import Verdict, explain_file, explain_files, text
+from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
 from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.explain.rejections import CAUSES, QUESTIONS, cause_of
@@ -47,7 +47,7 @@ def log(folder: Path, *rejected: tuple[str | None, str], heard: int = 0) -> Path
 
 
 def judged(folder: Path, *rejected: tuple[str | None, str], heard: int = 0) -> Verdict:
-    verdict = explain_file(log(folder, *rejected, heard=heard))
+    verdict = verdict_of(log(folder, *rejected, heard=heard))
     assert verdict.verdict == "allowed"
     return verdict
 
@@ -114,7 +114,7 @@ def test_stations_and_reasons_of_an_attacker_are_bounded(tmp_path: Path) -> None
 
 
 def test_the_reference_rejects_and_both_logs_are_allowed() -> None:
-    verdicts = explain_files(SECURED)
+    verdicts = verdicts_of(SECURED)
     assert [v.verdict for v in verdicts] == ["allowed", "allowed"]
     assert [sum(v.rejected.values()) for v in verdicts] == [12, 14]
     report = judge([read(path) for path in SECURED])
@@ -130,7 +130,7 @@ def test_a_rejected_datagram_is_no_input(tmp_path: Path) -> None:
     for name in ("raw", "rejected", "tx"):
         del lines[at + 1][name]
     rewritten(path := tmp_path / "1.ndjson", lines)
-    verdict = explain_file(path)
+    verdict = verdict_of(path)
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", at + 2)
     assert f"the message of line {at + 1} is rejected (stale)" in verdict.finding.observed
 

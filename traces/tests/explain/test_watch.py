@@ -15,9 +15,9 @@ from merged_runs import simulated
 from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
 from automcm_traces.explain.explain import (
     exit_code,
-    explain_file,
-    explained,
+    judged_log,
     together,
+    verdict_of,
     verdicts,
 )
 from automcm_traces.explain.watch import Watch, WatchReport
@@ -54,7 +54,7 @@ def test_the_verdict_on_a_log_that_grows_is_that_of_explain(case: dict[str, Any]
     path = CORPUS / case["file"]
     watch, reports = grown([path])
     (verdict,) = watch.verdicts
-    expected = explain_file(path)
+    expected = verdict_of(path)
     assert (verdict.verdict, verdict.finding) == (expected.verdict, expected.finding)
     assert watch.exit_code == exit_code([expected])
     assert [r.fields["line"] for r in reports if r.what == "verdict"] == [verdict.finding.at.line]
@@ -73,7 +73,7 @@ def several() -> Iterator[list[Path]]:
 def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> None:
     watch, reports = grown(paths)
     assert [r.what for r in reports].count("together") == 1 and reports[-1].what == "together"
-    found = [explained(path) for path in paths]
+    found = [judged_log(path) for path in paths]
     assert reports[-1].fields == together(found).as_dict()
     assert watch.exit_code == (
         1 if together(found).verdict == "violated" else exit_code(verdicts(found))

@@ -9,7 +9,7 @@ import pytest
 from agreement import reason
 from generated_logs import KINDS, Lines, mutated, of_the_model, of_the_reference
 
-from automcm_traces.explain.explain import Verdict, explain_files
+from automcm_traces.explain.explain import Verdict, verdicts_of
 
 NUMBER = 60
 OF_THE_MODEL = 16
@@ -28,7 +28,7 @@ def good() -> list[Lines]:
 def judged(lines: Lines, folder: Path) -> Verdict:
     path = folder / "log.ndjson"
     path.write_text("\n".join(lines) + "\n")
-    (verdict,) = explain_files([path])
+    (verdict,) = verdicts_of([path])
     return verdict
 
 

@@ -20,7 +20,7 @@ from automcm_spec.vocabulary.messages import same
 from automcm_traces.checker.engine import Engine
 from automcm_traces.edit.log_shrinking import shrink
 from automcm_traces.explain.coverage import measure
-from automcm_traces.explain.explain import explain_file, explain_files, prefix, text
+from automcm_traces.explain.explain import prefix, text, verdict_of, verdicts_of
 from automcm_traces.explain.lint import CHECKS, report
 from automcm_traces.explain.log_table import Logs
 from automcm_traces.export.mermaid import diagram
@@ -66,8 +66,8 @@ def test_same() -> None:
 def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     right = changed(tmp_path / "right.ndjson", lane(values[1]))
     path = changed(tmp_path / "log.ndjson", lane(*values))
-    assert explain_file(right).verdict == "allowed"
-    found = explain_file(path)
+    assert verdict_of(right).verdict == "allowed"
+    found = verdict_of(path)
     assert (found.verdict, "details" in found.finding.observed) == ("diverges", True)
     assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
@@ -80,7 +80,7 @@ def test_true_received_where_1_was_sent_is_forged(tmp_path: Path) -> None:
 
     one = changed(tmp_path / "1001.ndjson", lane(1))
     other = changed(tmp_path / "2002.ndjson", received, "pair/2002")
-    assert [v.finding.rule for v in explain_files([one, other])] == ["", "forged"]
+    assert [v.finding.rule for v in verdicts_of([one, other])] == ["", "forged"]
 
 
 OWN = """\
@@ -102,14 +102,14 @@ OWN = """\
 def test_end_5_a_malformed_message_in_a_log_of_messages_alone(message: str, tmp_path: Path) -> None:
     path = tmp_path / "own.ndjson"
     path.write_text(OWN.replace("MESSAGE", message))
-    assert explain_file(path).verdict == "allowed"
+    assert verdict_of(path).verdict == "allowed"
 
 
 def test_end_5_a_malformed_message_that_is_sent_diverges(tmp_path: Path) -> None:
     def change(lines: list[Line]) -> None:
         lines[2]["message"]["session"] = [1001]
 
-    found = explain_file(changed(tmp_path / "log.ndjson", change))
+    found = verdict_of(changed(tmp_path / "log.ndjson", change))
     assert (found.verdict, found.finding.at.line) == (
         "diverges",
         3,
@@ -139,8 +139,8 @@ def test_mem_1_limits_are_1_or_more(limit: str, tmp_path: Path) -> None:
         lines[0]["parameters"][limit] = 0
 
     path = changed(tmp_path / "log.ndjson", change)
-    assert explain_file(path).verdict == "unreadable"
-    assert limit in text(explain_file(path))
+    assert verdict_of(path).verdict == "unreadable"
+    assert limit in text(verdict_of(path))
 
 
 def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
 
     path = changed(tmp_path / "log.ndjson", change, "pair/2002")
     assert report(path).verdict == "clean"
-    found = explain_file(path)
+    found = verdict_of(path)
     assert (found.verdict, found.finding.observed) == ("diverges", "expire resend: not armed")
     assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
@@ -165,8 +165,8 @@ def cut(tmp_path: Path) -> Path:
 
 
 def test_a_prefix_whose_last_line_lacks_its_line_feed(cut: Path, tmp_path: Path) -> None:
-    found = explain_file(cut)
-    again = explain_file(prefix(found, tmp_path / "out"))
+    found = verdict_of(cut)
+    again = verdict_of(prefix(found, tmp_path / "out"))
     assert found.verdict == again.verdict == "diverges"
     assert (again.finding.at.line, again.finding.observed) == (
         found.finding.at.line,
@@ -182,7 +182,7 @@ def test_a_last_line_without_line_feed_is_shrunk_too(cut: Path) -> None:
 
 
 def test_prefixes_of_logs_of_one_name_stand_beside_one_another(cut: Path, tmp_path: Path) -> None:
-    found = explain_file(cut)
+    found = verdict_of(cut)
     taken: list[Path] = []
     for _ in range(3):
         taken.append(prefix(found, tmp_path / "out", taken))
@@ -197,7 +197,7 @@ def test_control_characters_of_a_log_stay_in_it(tmp_path: Path) -> None:
         next(line for line in lines if "phase" in line)["phase"] = ODD
 
     path = changed(tmp_path / "log.ndjson", change, "pair/2002")
-    shown = text(explain_file(path))
+    shown = text(verdict_of(path))
     assert "owned" in shown and all(c.isprintable() or c == "\n" for c in shown)
     assert "\n  S1" not in shown
     logs = Logs([path])
@@ -206,7 +206,7 @@ def test_control_characters_of_a_log_stay_in_it(tmp_path: Path) -> None:
 
 
 WAYS: dict[str, Callable[[Path], object]] = {
-    "explain": explain_file,
+    "explain": verdict_of,
     "timeline": lambda path: timeline(read(path)),
     "judge": lambda path: judge([read(path)]),
     "page": lambda path: load([path]),

@@ -12,7 +12,7 @@ from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import Verdict, explain_file
+from automcm_traces.explain.explain import Verdict, verdict_of
 
 FULL = ({"max_participants": 2}, {"outbox_limit": 6, "max_participants": 4}, {"memory_limit": 1})
 
@@ -37,7 +37,7 @@ def told(path: Path, **limits: int) -> Verdict:
     header = json.loads(head)
     header["parameters"] |= limits
     path.write_text(json.dumps(header) + "\n" + rest)
-    return explain_file(path)
+    return verdict_of(path)
 
 
 @pytest.mark.parametrize("limits", FULL, ids=lambda limits: next(iter(limits)))
@@ -46,7 +46,7 @@ def test_mem_1_a_station_that_is_full_is_allowed_to_be(
 ) -> None:
     paths = logs(tmp_path, limits)
     assert any('"rule":"MEM-1"' in path.read_text() for path in paths)
-    assert {explain_file(path).verdict for path in paths} == {"allowed"}
+    assert {verdict_of(path).verdict for path in paths} == {"allowed"}
 
 
 @pytest.mark.parametrize("limits", FULL, ids=lambda limits: next(iter(limits)))

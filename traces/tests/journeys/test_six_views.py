@@ -23,7 +23,7 @@ from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log, read
 from automcm_traces.checker.track import CannotTell
-from automcm_traces.explain.explain import explained
+from automcm_traces.explain.explain import judged_log
 from automcm_traces.explain.log_table import Logs
 from automcm_traces.export import mcap_file
 from automcm_traces.export.arrow_rows import arrow_rows
@@ -60,7 +60,7 @@ class Case:
 
     def __init__(self, paths: list[Path]) -> None:
         self.paths = paths
-        found = [explained(path) for path in paths]
+        found = [judged_log(path) for path in paths]
         self.logs = [one.log for one in found if one.log is not None]
         self.whole = all(one.complete for one in found)
         merged = merge(self.logs)
@@ -258,7 +258,7 @@ def runs() -> list[list[Path]]:
     together: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     found = []
     for path in sorted(CORPUS.rglob("*.ndjson")):
-        log = explained(path).log
+        log = judged_log(path).log
         if log is not None:
             found.append([path])
             if path.parent.name != "bad":

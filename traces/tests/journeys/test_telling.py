@@ -14,11 +14,11 @@ from merged_runs import Run
 from automcm_spec.vocabulary.application import Abort
 from automcm_traces.explain.explain import (
     Verdict,
-    explain_file,
-    explain_files,
     prefix,
     replay,
     text,
+    verdict_of,
+    verdicts_of,
 )
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus" / "four-vehicles"
@@ -28,7 +28,7 @@ PRESCRIBER, TARGET = CORPUS / "1001.ndjson", CORPUS / "3003.ndjson"
 def without_ack(folder: Path) -> Verdict:
     """ADV-5: an Intention that is recorded and not acked."""
     no_ack = edited(PRESCRIBER, folder, lambda log: log.drop(log.find("send", type="Ack")))
-    return explain_file(no_ack)
+    return verdict_of(no_ack)
 
 
 def joins_again(folder: Path) -> Verdict:
@@ -42,7 +42,7 @@ def joins_again(folder: Path) -> Verdict:
         intention = log.at(log.find("send", type="Intention")) | {"t_ms": log.at(second)["t_ms"]}
         log.records.insert(second, intention | {"tx": "3003:999"})
 
-    return explain_file(edited(TARGET, folder, edit))
+    return verdict_of(edited(TARGET, folder, edit))
 
 
 def test_adv_4_the_nearest_allowed_and_the_guard_in_the_way(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_rel_1_an_effect_without_a_step_names_what_would_have_caused_it(tmp_path
     def edit(log: Edited) -> None:
         log.drop(log.find("timer", op="expire", name="resend"))
 
-    verdict = explain_file(edited(PRESCRIBER, tmp_path, edit))
+    verdict = verdict_of(edited(PRESCRIBER, tmp_path, edit))
     assert verdict.verdict == "diverges"
     assert "expire resend(Advertisement)" in verdict.finding.why.causes
 
@@ -74,7 +74,7 @@ def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
         expiry = {"rec": "event", "t_ms": log.at(cam)["t_ms"], "ev": "timer", "op": "expire"}
         log.records.insert(cam, expiry | {"timer": {"name": "hold"}})
 
-    verdict = explain_file(edited(TARGET, tmp_path, edit))
+    verdict = verdict_of(edited(TARGET, tmp_path, edit))
     assert verdict.verdict == "diverges" and verdict.finding.rule == "ADV-7"
     assert verdict.finding.why.causes == ("a step into WAITING",)
     assert "blocked by guard" in verdict.finding.why.nearest
@@ -91,7 +91,7 @@ def test_the_last_events_and_the_session_are_shown(tmp_path: Path) -> None:
 def test_the_prefix_diverges_in_the_same_way(wrong: Any, tmp_path: Path) -> None:
     verdict = wrong(tmp_path)
     path = prefix(verdict, tmp_path / "new" / "folder")
-    again = explain_file(path)
+    again = verdict_of(path)
     assert (again.finding.at.line, again.finding.observed, again.finding.rule) == (
         verdict.finding.at.line,
         verdict.finding.observed,
@@ -105,9 +105,9 @@ def test_the_prefix_diverges_in_the_same_way(wrong: Any, tmp_path: Path) -> None
 def test_what_is_missing_at_the_end_is_in_the_prefix(tmp_path: Path) -> None:
     fin = find(TARGET, "receive", type="Fin")
     cut = edited(TARGET, tmp_path, lambda log: log.records.__delitem__(slice(fin, -1)))
-    verdict = explain_file(cut)
+    verdict = verdict_of(cut)
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", fin)
-    again = explain_file(prefix(verdict, tmp_path / "prefix"))
+    again = verdict_of(prefix(verdict, tmp_path / "prefix"))
     assert (again.finding.at.line, again.finding.observed) == (
         verdict.finding.at.line,
         verdict.finding.observed,
@@ -115,7 +115,7 @@ def test_what_is_missing_at_the_end_is_in_the_prefix(tmp_path: Path) -> None:
 
 
 def test_several_sessions_of_one_log_are_told_apart() -> None:
-    verdict = explain_file(PRESCRIBER)
+    verdict = verdict_of(PRESCRIBER)
     assert [s.session for s in verdict.sessions] == [(1001, 1)]
     session = verdict.sessions[0]
     assert session.role == "prescriber" and session.rule == "ACT-3"
@@ -126,8 +126,8 @@ def test_several_sessions_of_one_log_are_told_apart() -> None:
 def test_what_cannot_be_read_begins_with_its_place_as_any_other_verdict(tmp_path: Path) -> None:
     log = tmp_path / "log.ndjson"
     log.write_text(PRESCRIBER.read_text().replace('"seq":2,', '"seq":1,', 1))
-    assert text(explain_file(log)).startswith(f"{log}:3: UNREADABLE: seq: 1 after 1")
-    assert text(explain_file(tmp_path / "none")) == f"{tmp_path / 'none'}: UNREADABLE: no such file"
+    assert text(verdict_of(log)).startswith(f"{log}:3: UNREADABLE: seq: 1 after 1")
+    assert text(verdict_of(tmp_path / "none")) == f"{tmp_path / 'none'}: UNREADABLE: no such file"
 
 
 Edit = Callable[[Edited], None]
@@ -221,7 +221,7 @@ TEXTS: list[tuple[Edit, int, str, list[str]]] = [
 def test_what_is_wrong_is_named(
     edit: Edit, station: int, rule: str, says: list[str], aborted: Path, tmp_path: Path
 ) -> None:
-    verdict = explain_file(edited(aborted / f"{station}.ndjson", tmp_path, edit))
+    verdict = verdict_of(edited(aborted / f"{station}.ndjson", tmp_path, edit))
     assert (verdict.verdict, verdict.finding.rule) == ("diverges", rule), text(verdict)
     assert [word for word in says if word not in text(verdict)] == [], text(verdict)
 
@@ -236,7 +236,7 @@ def test_a_forged_cam_says_what_was_sent_under_its_id(
         cam["tx"] = cam["tx"] if sent else "3:99999"
 
     path = edited(aborted / "1.ndjson", tmp_path, forge)
-    verdict, *_ = explain_files([path, aborted / "2.ndjson", aborted / "3.ndjson"])
+    verdict, *_ = verdicts_of([path, aborted / "2.ndjson", aborted / "3.ndjson"])
     was = "that transmission was another message" if sent else "its sender did not send it"
     assert verdict.finding.observed.startswith("receive CAM from 3 as transmission 3:")
     assert verdict.finding.observed.endswith(f"forged, {was}")
@@ -253,4 +253,4 @@ def test_a_message_stands_before_its_timers_and_else_order_is_free(
         sent = log.find("send", type="Acceptance")
         log.records.insert(sent - 1 + later, log.records.pop(sent - 1))
 
-    assert explain_file(edited(TARGET, tmp_path, reorder)).verdict == verdict
+    assert verdict_of(edited(TARGET, tmp_path, reorder)).verdict == verdict

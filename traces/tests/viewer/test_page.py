@@ -36,7 +36,7 @@ from automcm_spec.log_format.reader import read
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer import page_run
@@ -222,7 +222,7 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
     except BadInput:
         assert entry["verdict"] == "unreadable"
         return
-    (told,) = explain_files([path])
+    (told,) = verdicts_of([path])
     assert data["runs"][0]["verdicts"] == [json.loads(json.dumps(told.as_dict()))]
     row = data["logs"][0]["diverges"]
     if told.verdict == "diverges":

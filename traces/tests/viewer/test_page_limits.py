@@ -15,7 +15,7 @@ from page_rows import CORPUS, DELIVERED, FORGED, FOUR, LOST, Json, events, fives
 from automcm_cli.trace import trace_html
 from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.explain import explain_file, explain_files
+from automcm_traces.explain.explain import verdict_of, verdicts_of
 from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import as_dict, load
@@ -214,7 +214,7 @@ def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
         assert states(history) == wanted and history.why_not == old.why_not
         assert lines == set(range(min(lines), max(lines) + 1))
     assert [v.as_dict() for v in part.runs[0].verdicts] == [
-        explain_file(path).as_dict() for path in (FOUR[1], FOUR[0], *FOUR[2:])
+        verdict_of(path).as_dict() for path in (FOUR[1], FOUR[0], *FOUR[2:])
     ]
 
 
@@ -246,7 +246,7 @@ def test_a_log_without_a_message_of_the_part_is_left_out_and_named(tmp_path: Pat
 
 def test_a_divergence_before_a_part_is_the_reason_that_no_state_is_known() -> None:
     log = CORPUS / "bad" / "wrong_proposal.ndjson"
-    (verdict,) = explain_files([log])
+    (verdict,) = verdicts_of([log])
     page = load([log], part=PagePart(verdict.finding.at.line + 1, len(records(log))))
     assert page.histories[0].steps == [] and page.histories[0].why_not.endswith(
         str(verdict.finding.at.line)

@@ -15,7 +15,7 @@ from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.reader import LogStream
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import explain_file
+from automcm_traces.explain.explain import verdict_of
 
 EVENTS, LOGS = 50, 40
 """Events in each log; logs."""
@@ -63,6 +63,6 @@ def bench_explain(logs: list[Path], timed: Timed) -> None:
     """Reading and judging."""
 
     def judge() -> None:
-        assert all(explain_file(path).verdict == "allowed" for path in logs)
+        assert all(verdict_of(path).verdict == "allowed" for path in logs)
 
     timed(judge, per=LOGS * EVENTS)

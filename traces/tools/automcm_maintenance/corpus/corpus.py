@@ -20,7 +20,7 @@ from pathlib import Path
 from automcm_maintenance.corpus.corpus_bad import Bad, bad_logs, bases_among
 from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
-from automcm_traces.explain.explain import explain_files
+from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.export.itf_log import behaviour
 
 WALKED = (
@@ -187,7 +187,7 @@ def _of_walk(file: str, text: bytes) -> CorpusEntry:
 def _of_counterexamples(corpus: Path, files: list[str]) -> list[CorpusEntry]:
     """The engine's verdict on each station of a must-fail model, with the model's story."""
     why = {m.cfg: m for m in models.load()}
-    verdicts = [explain_files([corpus / file])[0] for file in files]
+    verdicts = [verdicts_of([corpus / file])[0] for file in files]
     entries = []
     for file, verdict in zip(files, verdicts, strict=True):
         model = why[file.split("/")[1]]
