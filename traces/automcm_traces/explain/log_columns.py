@@ -12,7 +12,7 @@ from automcm_spec.log_format.log import End, Header, Send
 from automcm_spec.log_format.reader import Notice, records
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import FilteredRows, TableRow
-from automcm_traces.system.copy_folding import Key, folded, key_of
+from automcm_traces.system.copy_folding import Key, folded, key_of, new_phase
 
 WIDTH = 80
 NARROWEST = 20
@@ -89,11 +89,9 @@ class LogTable:
         for line in self._texts(row, times):
             yield row.kind, self._cell(gutter, row.station, line)
             gutter = " " * self._gutter
-        phase = None if row.event is None else row.event.phase
-        if phase is not None and phase != (was or "STANDALONE"):
+        if phase := new_phase(row.event, was):
             yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(phase)}")
-        if phase is not None:
-            self._phase[row.station] = phase
+        self._phase[row.station] = phase or was
 
     def _texts(self, row: TableRow, times: int) -> list[str]:
         """The row as lines that fit."""
@@ -157,10 +155,12 @@ def folds(rows: FilteredRows, unfold: bool = False) -> Iterator[tuple[TableRow, 
     stands: 1 with ``unfold``."""
 
     def key(item: tuple[TableRow, str]) -> Key | None:
-        row = item[0]
+        row, before = item
         if row.event is None or unfold:
             return None
-        return key_of(row.station, row.event, (row.notes, row.event.phase))
+        return key_of(
+            row.station, row.event, (row.notes, row.arrows), bool(new_phase(row.event, before))
+        )
 
     for fold in folded(((row, rows.phases.get(row.station, "")) for row in rows), key):
         yield *fold.first, fold.times

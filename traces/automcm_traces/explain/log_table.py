@@ -27,6 +27,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.log_format.reader import Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
+from automcm_traces.system.copy_folding import OfCams
 from automcm_traces.system.fates import Arrow, Fate
 from automcm_traces.system.streamed_fates import StreamedFates
 
@@ -179,7 +180,7 @@ class Filter:
     hidden_cams: int = 0
     """The number of CAMs left out so far."""
     _at: dict[int, tuple[int, int] | None] = field(default_factory=dict)
-    _after_cam: set[int] = field(default_factory=set)
+    _of_cams: OfCams = field(default_factory=OfCams)
 
     def passes(self, row: TableRow) -> bool:
         """Whether to show a row. Call once for each row, in order."""
@@ -190,7 +191,8 @@ class Filter:
         if event is None:
             return not (self.types or self.session) or row.problem
         m = event.message if isinstance(event, Send | Receive) else None
-        if not self.cams and self._of_cam(row, m is not None and m["type"] == "CAM"):
+        if not self.cams and self._of_cams.has(row.station, event):
+            self.hidden_cams += event.is_cam
             return False
         if self.types and (m is None or m["type"] not in self.types):
             return False
@@ -213,19 +215,6 @@ class Filter:
         if event.ev == "command" and self.session and self.session[0] == row.station:
             return self.session  # a request has no session yet
         return None
-
-    def _of_cam(self, row: TableRow, is_cam: bool) -> bool:
-        """Whether the row is a CAM, or the timer that a CAM re-arms."""
-        event = row.event
-        if is_cam:
-            self.hidden_cams += 1
-            self._after_cam.add(row.station)
-            return True
-        watched = isinstance(event, TimerArm | TimerEnd) and event.timer.name == "cam"
-        if watched and row.station in self._after_cam and getattr(event, "op", "") != "expire":
-            return True
-        self._after_cam.discard(row.station)
-        return False
 
 
 def before(rows: Iterable[TableRow], station: int, line: int, most: int) -> list[TableRow]:

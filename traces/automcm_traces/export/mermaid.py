@@ -13,7 +13,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import TableRow
-from automcm_traces.system.copy_folding import Key, folded, key_of
+from automcm_traces.system.copy_folding import Key, folded, key_of, new_phase
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
@@ -69,17 +69,19 @@ def diagram(
 
 def _with_phases(rows: Iterable[TableRow]) -> Iterator[tuple[TableRow, str]]:
     """Each row with the new phase of its station; empty if it stays."""
-    phase: dict[int, str] = {}
+    phase: dict[int, str | None] = {}
     for row in rows:
-        was = phase.get(row.station, "STANDALONE")
-        now = (None if row.event is None else row.event.phase) or was
-        phase[row.station] = now
-        yield row, "" if now == was else now
+        was = phase.get(row.station)
+        now = new_phase(row.event, was)
+        phase[row.station] = now or was
+        yield row, now
 
 
 def _key(item: tuple[TableRow, str]) -> Key | None:
     row, phase = item
-    return None if phase or row.event is None else key_of(row.station, row.event, row.arrows)
+    if row.event is None:
+        return None
+    return key_of(row.station, row.event, row.arrows, bool(phase))
 
 
 def _unique(item: tuple[TableRow, str]) -> None:

@@ -14,7 +14,7 @@ from html import escape
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
-from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
+from automcm_traces.system.copy_folding import Fold, Key, folded, key_of, new_phase
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, Arrow
 from automcm_traces.system.log_clocks import Clocks
@@ -139,11 +139,10 @@ def _event(merged: Merged, arrow: Arrow) -> Event:
 
 def _phases(merged: Merged) -> dict[Node, str]:
     """The phases, where they change."""
-    now = ["STANDALONE"] * len(merged.logs)
+    now = [""] * len(merged.logs)
     found = {}
     for node in merged.order:
-        phase = merged.event(node).phase
-        if phase is not None and phase != now[node[0]]:
+        if phase := new_phase(merged.event(node), now[node[0]]):
             now[node[0]] = found[node] = phase
     return found
 

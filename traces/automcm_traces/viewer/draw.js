@@ -57,9 +57,8 @@ function draw() {
   showWindow();
 }
 
-/** An arrow is drawn where one of its ends is shown, and the other is not folded. */
-const passesArrow = (arrow) => (isShown(arrow.first) || isShown(arrow.last))
-  && [arrow.first, arrow.last].every((row) => isShown(row) || !isFolded(row));
+/** An arrow is drawn where one of its ends is shown; the row of a folded copy stands for it. */
+const passesArrow = (arrow) => isShown(arrow.first) || isShown(arrow.last);
 const passesBar = (bar) => isShown(bar.first) || (!bar.open && isShown(bar.last));
 
 function drawBands(layer, a, b, y, at, size) {
@@ -129,11 +128,12 @@ function said(bar) {
 /** An arrow; one that arrives nowhere is short. `signs` are those drawn so far; they may not overlap. */
 function drawArrow(layer, arrow, y, signs) {
   const { kind } = arrow, from = lifeline(arrow.from), to = lifeline(arrow.to);
+  const height = (row) => y(isShown(row) ? row : headOf(row));
   const group = make("g", { class: `arrow ${ARROWS[kind].replace(" ", "-")}` });
   const faded = past(arrow.first) || past(arrow.last);
   if (faded) group.classList.add("past");
   group.append(make("title", {}, `${became(arrow)}: ${text(arrow.first)}`));
-  const y1 = y(arrow.first), side = Math.sign(to - from) || 1;
+  const y1 = height(arrow.first), side = Math.sign(to - from) || 1;
   const x1 = from + side * 5;
   const signed = (x, word) => {
     if (y1 < HEAD + 8 || signs.some((one) => one.x === x && Math.abs(one.y - y1) < 15)) return;
@@ -141,12 +141,12 @@ function drawArrow(layer, arrow, y, signs) {
     sign(group, x, y1, word);
   };
   if (kind === DELIVERED || kind === DUPLICATE || kind === OVERHEARD) {
-    line(group, x1, y1, to - side * 5, y(arrow.last), true);
+    line(group, x1, y1, to - side * 5, height(arrow.last), true);
   } else if (kind === SENDER_UNOBSERVED || kind === FORGED) {
     line(group, from + side * 8, y1, to - side * 5, y1, true);
     signed(from, kind === FORGED ? "!" : "?");
   } else if (kind === REJECTED) {
-    const y2 = y(arrow.last);
+    const y2 = height(arrow.last);
     group.classList.add(cause(arrow.last));
     stopped(group, x1, y1, to - side * 9, y2);
     if (y2 >= HEAD + 8) sign(group, to - side * 17, y2 - 8, initial(cause(arrow.last)));

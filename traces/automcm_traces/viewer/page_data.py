@@ -6,19 +6,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from automcm_spec.log_format.event_text import session_of, summary
-from automcm_spec.log_format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
+from automcm_spec.log_format.log import Event, Header, Receive, TimerArm
 from automcm_spec.log_format.reader import Log
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
+from automcm_traces.system.copy_folding import Key, OfCams, folded, key_of, new_phase
 from automcm_traces.system.delivery import Deliveries
-from automcm_traces.system.fates import FATES
+from automcm_traces.system.fates import FATES, Arrow
 from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer import page_run, page_traffic
@@ -108,7 +111,8 @@ def of_runs(
 def as_dict(page: Page) -> dict[str, Json]:
     """All data of the page, as ``viewer/data.js`` reads it."""
     strings, shapes = PackedTable(), Shapes()
-    rows = _rows(page, strings, shapes)
+    arrows = [list(Deliveries(run.merged, Clocks.of(run.merged)).arrows()) for run in page.runs]
+    rows = _rows(page, strings, shapes, _fates(page, arrows))
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]
     return {
@@ -118,7 +122,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         "compared": _compared(page, row_of),
         "logs": _logs(page, row_of),
         "rows": rows,
-        "arrows": _arrows(page, row_of),
+        "arrows": _arrows(page, row_of, arrows),
         "rejected": _causes(page.logs),
         "bars": _bars(page, row_of),
         "steps": steps,
@@ -216,12 +220,16 @@ def _divergence(run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> in
     return row_of.get((first + i, at), -1)
 
 
-def _rows(page: Page, strings: PackedTable, shapes: Shapes) -> dict[str, Json]:
+def _rows(
+    page: Page, strings: PackedTable, shapes: Shapes, fates: Mapping[Node, Hashable]
+) -> dict[str, Json]:
     """The columns of the row table, documented in ``viewer/data.js``."""
     texts, bodies = PackedTable(), PackedTable()
     logs, n = page.logs, len(page.logs)
     lines, times, sessions = [1] * n, 0, [""] * n
-    after_cam = [False] * n
+    of_cam, phases = OfCams(), [""] * n
+    keys: list[list[tuple[int, Key | None]]] = [[] for _ in page.runs]
+    run_of = [r for r, run in enumerate(page.runs) for _ in run.logs]
     vendor = [run.vendor[log.file] for run in page.runs for log in run.logs]
     found: dict[str, list[int]] = {
         name: [] for name in ("log", "line", "t", "text", "body", "session", "hint", "flags")
@@ -229,11 +237,11 @@ def _rows(page: Page, strings: PackedTable, shapes: Shapes) -> dict[str, Json]:
     kinds = []
     for row, (i, k) in enumerate(page.nodes):
         at, event = logs[i].events[k]
-        m = event.message if isinstance(event, Send | Receive) else None
-        flags = OF_CAM | IS_CAM if m is not None and m["type"] == "CAM" else 0
-        if not flags and after_cam[i] and isinstance(event, TimerArm | TimerEnd):
-            flags = OF_CAM * (event.timer.name == "cam" and event.op != "expire")
-        after_cam[i] = bool(flags)
+        flags = OF_CAM * of_cam.has(i, event) | IS_CAM * event.is_cam
+        if not flags:
+            changes = bool(phase := new_phase(event, phases[i]))
+            phases[i] = phase or phases[i]
+            keys[run_of[i]].append((row, key_of(i, event, fates.get((i, k)), changes)))
         named = session_of(event)
         if named is not None:
             sessions[i] = f"{named[0]}/{named[1]}"
@@ -251,6 +259,8 @@ def _rows(page: Page, strings: PackedTable, shapes: Shapes) -> dict[str, Json]:
         found["flags"].append(flags | BESIDE * (row in page.beside))
         kinds.append("x" if event.ev == "restart" else event.ev[0])
         lines[i], times = at, event.t_ms
+    pairs = [_copies(of_run, len(page.nodes)) for of_run in keys]
+    found["copy"] = [sum(backs) for backs in zip(*pairs, strict=True)]
     columns: dict[str, Json] = {name: _folded(column) for name, column in found.items()}
     return columns | {"kinds": "".join(kinds), "texts": texts.values, "bodies": bodies.values}
 
@@ -275,17 +285,41 @@ def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
     return body
 
 
-def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
+def _fates(page: Page, arrows: list[list[Arrow]]) -> dict[Node, frozenset[Arrow]]:
+    """The fates of the message of each event, without their places."""
+    found: dict[Node, frozenset[Arrow]] = defaultdict(frozenset)
+    first = 0
+    for run, drawn in zip(page.runs, arrows, strict=True):
+        for arrow in drawn:
+            both = arrow.fate == "rejected"
+            for node in {arrow.leaves if both else None, arrow.arrives or arrow.leaves} - {None}:
+                assert node is not None
+                fate = arrow._replace(leaves=None, arrives=None)
+                found[first + node[0], node[1]] |= {fate}
+        first += len(run.logs)
+    return found
+
+
+def _copies(keys: list[tuple[int, Key | None]], count: int) -> list[int]:
+    """By row, how many rows above is the one into which it is folded; 0 if it is not a copy."""
+    found = [0] * count
+    for fold in folded(keys, itemgetter(1), keep=True):
+        for row, _ in fold.copies:
+            found[row] = row - fold.first[0]
+    return found
+
+
+def _arrows(page: Page, row_of: dict[Node, int], arrows: list[list[Arrow]]) -> list[int]:
     """Five numbers per arrow: the rows from the previous arrow's start to its start, its fate as an
     index of FATES, the rows down to its end (0: none), and the columns it leaves and reaches. An
     arrow whose transmission is not logged starts at its reception. Column -1 is shared by all
     stations without a column. The columns are the logs of all runs, then their ghosts."""
     found = []
     first, ghost = 0, len(page.logs)
-    for run in page.runs:
+    for run, drawn in zip(page.runs, arrows, strict=True):
         columns = {s: first + i for i, s in enumerate(run.merged.stations)}
         columns |= {s: ghost + n for n, s in enumerate(run.ghosts)}
-        for arrow in Deliveries(run.merged, Clocks.of(run.merged)).arrows():
+        for arrow in drawn:
             rows = [row_of[first + at[0], at[1]] for at in (arrow.leaves, arrow.arrives) if at]
             if arrow.fate == "rejected" and rows[0] > rows[-1]:
                 rows = rows[-1:]  # it cannot be the transmission that its tx names

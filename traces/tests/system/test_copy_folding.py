@@ -14,10 +14,12 @@ CORPUS = Path(__file__).parents[2] / "corpus"
 
 
 def folds(text: str) -> str:
-    """Of items such as ``a1``: message ``a``, part ``1``; ``-1`` is a timer, ``!`` has no key."""
+    """Of items such as ``a1``: message ``a``, part ``1``; ``-1`` is a timer, ``!`` has no key, and
+    ``a1=`` changes the phase."""
 
     def key(item: str) -> Key | None:
-        return None if item == "!" else Key(None if item[0] == "-" else item[0], item[1])
+        message = None if item[0] == "-" else item[0]
+        return None if item == "!" else Key(message, item[1], item[2:] == "=")
 
     return " ".join(f"{f.first}x{f.times}" for f in folded(text.split(), key))
 
@@ -30,6 +32,8 @@ def folds(text: str) -> str:
         ("a1 a2 a1 a2", "a1x2 a2x2"),
         ("a1 b1 a1", "a1x1 b1x1 a1x1"),
         ("a1 ! a1", "a1x1 !x1 a1x1"),
+        ("a1 a1= a1", "a1x1 a1=x2"),
+        ("a1 -1 a1 -1= a1 -1", "a1x2 -1x1 -1=x1 a1x1 -1x1"),
         ("-1 -1 a1 -1 a1 -1 b1", "-1x1 -1x1 a1x2 -1x2 b1x1"),
     ],
 )

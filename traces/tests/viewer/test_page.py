@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,8 @@ from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import verdicts_of
+from automcm_traces.explain.log_columns import folds
+from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer import page_run
@@ -229,6 +232,16 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
         assert events(data)[row][1] == told.finding.at.line
     else:
         assert row == -1
+
+
+@pytest.mark.parametrize("path", [*FOUR, CORPUS / "pair" / "1001.ndjson"], ids=lambda p: p.name)
+def test_a_page_folds_the_rows_that_show_folds(path: Path) -> None:
+    rows = as_dict(load([path]))["rows"]
+    copy, flags = column(rows, "copy"), column(rows, "flags")
+    lines = list(accumulate(column(rows, "line"), lambda a, b: a + b + 1))
+    kept = [n for n, line in enumerate(lines) if not copy[n] and not flags[n] & OF_CAM]
+    shown = folds(FilteredRows(Logs([path]), Filter()))
+    assert [lines[n] + 2 for n in kept] == sorted(row.line for row, *_ in shown if row.event)
 
 
 def test_several_logs_are_also_judged_together() -> None:
