@@ -240,7 +240,8 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     )
     assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
     assert station.endswith(
-        "station.py: cannot be generated now: Refused: Station.tla:12: cannot be compiled: CHOOSE"
+        "station.py: cannot be generated now: "
+        "NotCompiled: Station.tla:12: cannot be compiled: CHOOSE"
     )
     assert graph == f"spec/oracle/one-peer.json.xz: {stale}"
     assert nowhere == f"docs/nowhere.md: {stale}"

@@ -23,7 +23,7 @@ SUBJECTS = {
     "station": "the core, codecs, sessions and memory of the reference",
     "kernels": "the trajectory kernels",
     "security": "signed messages",
-    "window": "an advertising window that closes early (ADV-9), in virtual time",
+    "window": "an advertising window that closes early (ADV-9)",
     "radio": "the simulated radio channel",
     "traces": "reading and judging logs",
     "conform": "the kit's check of an adapter, in Python and C++",
