@@ -2,7 +2,7 @@
 (***************************************************************************)
 (* The radio as one would write it down at first: what is received is      *)
 (* taken out of the net, and Lose takes out anything.  Only for comparison *)
-(* with the set that never shrinks (Network.tla, automcm spec bench): the  *)
+(* with the set that never shrinks (Network.tla, automcm bench encodings): the  *)
 (* stations, their inputs and the properties are those of System, nothing  *)
 (* is reduced, and nothing else in the project rests on this module.       *)
 (*                                                                         *)

@@ -88,6 +88,7 @@ LOGS = "1001.ndjson 2002.ndjson"
 TABLE: dict[str, Way] = {
     "automcm bench conform": BENCHES,
     "automcm bench conform --seconds 1": BENCHES,
+    "automcm bench encodings --seconds 1": ENCODINGS,
     "automcm bench kernels": BENCHES,
     "automcm bench kernels --seconds 1": BENCHES,
     "automcm bench radio --seconds 1": BENCHES,
@@ -157,7 +158,6 @@ TABLE: dict[str, Way] = {
     "automcm simulate traffic --scenario lane-change --vehicles 60 --radio ns3": TRAFFIC,
     "automcm simulate traffic --scenario merge --vehicles 20": TRAFFIC,
     "automcm simulate traffic-sweep --seeds 10": SEEDS,
-    "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,
     "automcm spec check no_busy_refusal": By(

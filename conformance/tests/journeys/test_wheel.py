@@ -29,7 +29,7 @@ from automcm_cli.__main__ import main
 main()
 """
 NEED_REPOSITORY = (
-    *("verify", "generate", "bench", "spec bench", "spec pages", "spec mutate"),
+    *("verify", "generate", "bench", "spec pages", "spec mutate"),
     "spec prove",
     *("conform certify", "experiment", "simulate traffic-sweep"),
 )

@@ -1,5 +1,5 @@
 """Benchmarks: each prints ratios to a baseline of the same run.
 
-For ``automcm bench`` and ``spec bench``.
+For ``automcm bench``.
 Only maintenance imports it.
 """

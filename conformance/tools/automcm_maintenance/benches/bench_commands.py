@@ -27,19 +27,20 @@ SUBJECTS = {
     "radio": "the simulated radio channel",
     "traces": "reading and judging logs",
     "conform": "the kit's check of an adapter, in Python and C++",
+    "encodings": "the states that the radio's encoding in the specification saves",
     "traffic": "traffic with stations in SUMO; needs automcm[sumo]",
 }
 
 
 class BenchFailure(Exception):
-    """A bench that does not run; the text is what pytest says."""
+    """A bench that does not run; the text is the last error that pytest shows."""
 
 
 def measured(subject: str, seconds: float) -> BenchRun:
     """BenchRun the benches of a subject, each for about this long.  Raises BenchFailure."""
     with scratch.folder("bench") as folder:
         figures = folder / "figures.json"
-        words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), "-q"]
+        words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), "-qs"]
         words += [
             "-p",
             "automcm_maintenance.benches.plugin",
@@ -59,7 +60,9 @@ def measured(subject: str, seconds: float) -> BenchRun:
         env = {name: value for name, value in os.environ.items() if name != "PYTEST_XDIST_WORKER"}
         done = subprocess.run(words, capture_output=True, text=True, env=env)
         if done.returncode:
-            raise BenchFailure(done.stdout + done.stderr)
+            lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+            lines = [line for line in lines if line.startswith("E  ")] or lines
+            raise BenchFailure(f"{subject}: {lines[-1].removeprefix('E').strip()}")
         return _RUN.validate_json(figures.read_bytes())
 
 
@@ -101,7 +104,7 @@ def _show(rows: list[dict[str, Any]], skipped: dict[str, str]) -> None:
         cells = [row["name"], f"{row['value']:,.2f}", row["unit"]]
         if row["ratio"] is not None:
             end = "" if row["ok"] else "falls short"
-            cells += [row["beside"], f"{row['ratio']:.2f}", f"{row['at_most']:g}", end]
+            cells += [row["beside"], f"{row['ratio']:.3g}", f"{row['at_most']:g}", end]
         table.add_row(*map(Text, cells))
     console = console_of(110)
     console.print(table)

@@ -123,26 +123,3 @@ def spec_prove(
     if write_json(json_, report.as_dict()):
         prove_commands.show(report, console_of())
     raise typer.Exit(report.exit_code)
-
-
-@app.command("bench", epilog=example("spec bench --seconds 120"))
-def spec_bench(
-    seconds: Annotated[
-        int, typer.Option(min=1, help="Time limit for each naive encoding, in seconds.")
-    ] = 60,
-    json_: Json = None,
-) -> None:
-    """Compare the radio's encoding with two naive ones.
-
-    The command compares states and seconds; the naive encodings must need at least 20 times as
-    much.  A naive encoding that does not finish in time gives a lower bound.  The exit code is 4 if
-    this bound is too low to decide.
-    """
-    from automcm_maintenance.benches import encoding_bench
-    from automcm_spec.model_checking.tlc import TlcError
-
-    with code_3("bench", TlcError, encoding_bench.BenchError, OSError), progress() as notify:
-        report = encoding_bench.run(seconds, notify)
-    if write_json(json_, report.as_dict()):
-        encoding_bench.show(report, console_of())
-    raise typer.Exit(report.exit_code)
