@@ -15,13 +15,13 @@ from automcm.links.simulated_radio import Channel
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.writer import LogWriter
+from automcm_traces.edit.log_diff import diff
 from automcm_traces.explain.explain import verdicts_of
 
 Json = Any
 REFERENCE = station()
 """The same, which starts faster."""
 STATIONS = (1001, 1002, 2002, 3003)
-COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +68,11 @@ def inputs(path: Path, *events: dict[str, Json], me: int = 7, **header: Json) ->
         for event in events:
             log.event(event.pop("ev"), event.pop("t"), **event)
     return path
+
+
+def same(result: Json) -> bool:
+    """Whether ``automcm trace diff`` finds no difference between the two logs."""
+    return diff([Path(result["file"])], [Path(result["log"])]).same
 
 
 def verdict(result: Json) -> str:

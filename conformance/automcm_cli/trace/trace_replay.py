@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,8 +29,8 @@ def replay(
 ) -> None:
     """Send a log's inputs to a station and check its answers.
 
-    The answers are checked against the specification.  They are also compared with the effects in
-    the log; a difference does not change the exit code.  The new log is written to --out.
+    The answers are checked against the specification.  The new log is written to --out, so that
+    trace diff can compare it with the log.
     """
     from automcm_conformance.replay.replay_log import replay as replay_
     from automcm_conformance.report.report import visible
@@ -66,17 +67,12 @@ def _text(result: Replayed) -> list[str]:
     lines += [f"  {line}" for line in expected(result.expected)]
     lines += [f"  by {result.guard}"] if result.guard else []
     lines += [f"  standard error: {text!r}" for text in result.stderr]
-    if result.difference is not None:
-        d = result.difference
-        lines.append(f"  differs from the log, first at {result.file}:{d.line}, {d.t_ms} ms")
-        lines += [f"    log:     {d.log or 'nothing'}", f"    station: {d.station or 'nothing'}"]
-    elif result.same:
-        lines.append("  equal to the log: the same messages and indications")
-    elif result.verdict == "allowed":
-        lines.append("  not compared with the log, which does not contain all sent messages")
     lines += [f"  note: {note}" for note in result.notes]
     if result.log:
         lines.append(f"  its log: {at_line(result.log, result.log_line)}")
+        if result.verdict == "allowed":
+            compare = shlex.join(["automcm", "trace", "diff", result.file, result.log])
+            lines.append(f"  compare: {compare}")
         if result.verdict == "diverges" and not result.in_log:
             lines.append(
                 "  the new log alone does not show the error: logs do not contain next deadlines"

@@ -41,9 +41,7 @@ class Survey:
     """The longest gap between two events."""
     inputs: int = 0
     complete: bool = True
-    """Whether the log contains all messages sent, so that those of a station can be compared."""
-    indications: bool = True
-    """Whether the log contains all indications."""
+    """Whether the log contains all messages sent."""
     numbers: list[int] = field(default_factory=list)
     """The station's own session numbers, ascending; not needed if the log is ``complete``."""
     backoffs: list[int] = field(default_factory=list)
@@ -109,7 +107,6 @@ def survey(path: Path) -> Survey:
         if isinstance(other, Header):
             found = Survey(path, other)
             found.complete = "send" in other.complete
-            found.indications = "indication" in other.complete
             continue
         assert found is not None, "the header comes first"
         if event is None:
@@ -117,7 +114,7 @@ def survey(path: Path) -> Survey:
                 found.warnings.append(other)
             elif isinstance(other, End) and other.lost_records:
                 found.warnings.append(f"{path}: the log lost {other.lost_records} records")
-                found.complete = found.indications = False
+                found.complete = False
             continue
         if event.seq == 1:
             found.first_ms = found.last_ms = event.t_ms

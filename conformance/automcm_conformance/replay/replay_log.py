@@ -29,12 +29,11 @@ from automcm_conformance.adapter.protocol import (
 )
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.replay.log_compare import LogComparison, LogDifference, Renaming
 from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
+from automcm_conformance.replay.renaming import Renaming
 from automcm_conformance.scenarios.monitor import Monitor
 from automcm_spec.log_format.log import (
     ApplicationCommand,
-    ApplicationIndication,
     Event,
     Receive,
     Restart,
@@ -44,7 +43,6 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.log_format.reader import read
 from automcm_spec.support import files
-from automcm_spec.vocabulary.parameters import longest_delay
 from automcm_traces.checker.finding import Diverges
 from automcm_traces.checker.track import CannotTell
 from automcm_traces.explain.explain import explain
@@ -89,11 +87,8 @@ class Replayed:
     inputs: int = 0
     """How many inputs were given, of ``total``."""
     total: int = 0
-    same: bool | None = None
-    """Whether messages and indications equal the log's; None if the log is incomplete."""
-    difference: LogDifference | None = None
     notes: list[str] = field(default_factory=list)
-    """Parts left out, differences from the log, and warnings of the reader."""
+    """Parts left out, other parameters, and warnings of the reader."""
     stderr: list[str] = field(default_factory=list)
     exchange: list[Line] = field(default_factory=list)
     """The last lines of the exchange, unless the verdict is ``allowed``."""
@@ -152,7 +147,7 @@ def replay(
 
 
 class _Run:
-    """One replay.  Keeps the last input, the counts and the first difference in ``result``."""
+    """One replay.  Keeps the last input and the counts in ``result``."""
 
     def __init__(
         self,
@@ -167,8 +162,6 @@ class _Run:
         self._parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
         self._names = Renaming(found.header.station, found.numbers)
-        late_ms = longest_delay(self._parameters)
-        self._compared = LogComparison(self._names, late_ms) if found.complete else None
         self._now = found.first_ms
         self._expired_ms = -1
         """The time in ms at which a timer of the log last expired."""
@@ -201,33 +194,21 @@ class _Run:
             if event is not None:
                 self._event(line, event)
         self._advance(self._found.last_ms)
-        if self._compared is not None:
-            self._compared.settle(self._now, ends=True)
-            self._result.same = self._compared.first is None
-            self._result.difference = self._compared.first
         if self._skipped:
             text = f"{self._skipped} malformed messages cannot be given to an adapter: left out"
             self._result.notes.append(f"{text}, as a station discards them (END-5)")
 
     def end(self, reason: str) -> None:
-        """Close the new log, and note a difference found so far."""
+        """Close the new log."""
         if self._monitor is not None:
             self._monitor.end(reason)
-        if self._compared is not None and self._result.same is None and self._compared.first:
-            self._result.same, self._result.difference = False, self._compared.first
 
     # -- the log
 
     def _event(self, line: int, event: Event) -> None:
         match event:
-            case Send(message=m, t_ms=now):
+            case Send(message=m):
                 self._names.logged(m)
-                if self._compared is not None:
-                    self._compared.logged(line, now, "send", m)
-            case ApplicationIndication(indication=indication, t_ms=now):
-                if self._compared is not None and self._found.indications:
-                    value = {"name": indication.name, **(indication.model_extra or {})}
-                    self._compared.logged(line, now, "indication", value)
             case TimerEnd(op="expire", t_ms=now):
                 self._expired_ms = now
             case Receive() | ApplicationCommand() | Restart():
@@ -239,8 +220,6 @@ class _Run:
         # Timers due at the time of a restart are lost unless the log has their expiry (END-8).
         lost = isinstance(event, Restart) and self._expired_ms != event.t_ms
         self._advance(event.t_ms - lost)
-        if self._compared is not None:
-            self._compared.settle(event.t_ms)
         given = self._line(event)
         if given is None:
             self._skipped += 1
@@ -322,10 +301,6 @@ class _Run:
         del kept[:-SHOWN]
         for _, m in monitor.sent:
             self._names.sent(m)
-        if self._compared is not None:
-            sent = [m for _, m in monitor.sent if m["type"] != "CAM"]
-            indications = monitor.indications if self._found.indications else []
-            self._compared.done(self._result.line, now, sent, indications)
         self._set_backoff()
 
     def _set_backoff(self) -> None:

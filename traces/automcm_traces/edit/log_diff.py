@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from itertools import zip_longest
 from pathlib import Path
@@ -185,6 +185,7 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
     )
     for one, other in both:
         one, other = one or CanonicalStep(None), other or CanonicalStep(None)
+        one, other = _observed(one, other), _observed(other, one)
         kept = [*kept[-SHOWN:], (one, other)]
         first = _differ(one, other)
         if first is not None:
@@ -201,6 +202,22 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
         if apart > found.apart_ms:
             found.apart_ms, found.apart = apart, (at[0].line, at[1].line)
     return found
+
+
+def _observed(step: CanonicalStep, other: CanonicalStep) -> CanonicalStep:
+    """The step, its indications without the fields that the other log lacks: an absent field was
+    not observed (docs/trace-format.md)."""
+    told = (entry.fields.get("indication") for entry in other.effects)
+    names = {one["name"]: one.keys() for one in told if one}
+
+    def stated(entry: CanonicalEvent) -> CanonicalEvent:
+        one = entry.fields.get("indication")
+        if one is None or one["name"] not in names:
+            return entry
+        kept = {name: value for name, value in one.items() if name in names[one["name"]]}
+        return replace(entry, fields=entry.fields | {"indication": kept})
+
+    return replace(step, effects=[stated(entry) for entry in step.effects])
 
 
 def _pairs(

@@ -254,6 +254,19 @@ def test_only_what_both_promise_is_compared(tmp_path: Path) -> None:
     assert found.steps > 5
 
 
+def test_a_field_of_an_indication_that_one_log_lacks_is_no_difference(tmp_path: Path) -> None:
+    def bare(log: Edited) -> None:
+        del log.at(log.find("indication", name="verify"))["indication"]["prescription"]
+
+    def wrong(log: Edited) -> None:
+        log.at(log.find("indication", name="verify"))["indication"]["proposal"] += 1
+
+    for change, fields in ((bare, []), (wrong, ["indication.proposal"])):
+        other = edited(PAIR / "2002.ndjson", tmp_path / change.__name__, change)
+        d = one(PAIR / "2002.ndjson", other).difference
+        assert [name for name, *_ in (d.fields if d else ())] == fields
+
+
 def test_parameters_that_differ_are_told() -> None:
     found = one(PAIR / "1001.ndjson", FOUR / "1001.ndjson")
     assert ("t_advertise", 600, 2100) in found.parameters
