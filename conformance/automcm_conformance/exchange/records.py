@@ -19,6 +19,7 @@ from automcm_conformance.adapter.protocol import INDICATIONS, HelloAnswer, Objec
 from automcm_conformance.exchange.answers import are_marks, differences
 from automcm_conformance.exchange.exchange import LineLink, Mismatch, Step
 from automcm_conformance.exchange.wire import Required
+from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.problems import first_problem
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.support import files
@@ -26,7 +27,6 @@ from automcm_spec.support.bad_input import BadInput
 
 FORMAT = "automcm.replay/1"
 LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
-COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 
 class _Line(BaseModel, extra="forbid"):
@@ -99,7 +99,7 @@ def write_log(
     about = {"run": case, "station": reset["station"], "implementation": name, "version": version}
     with (
         files.writing(path) as file,
-        LogWriter(file, **about, parameters=known, complete=COMPLETE) as log,
+        LogWriter(file, **about, parameters=known, complete=EVENT_KINDS) as log,
     ):
         for step in steps:
             shown = step.pairs or step.command["cmd"] == "advance"

@@ -15,10 +15,11 @@ from automcm_conformance.adapter.process import Process
 from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.armed_timers import ArmedTimers, Running
-from automcm_conformance.exchange.records import COMPLETE, bare
+from automcm_conformance.exchange.records import bare
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
 from automcm_spec.log_format.log import (
+    EVENT_KINDS,
     RECORD,
     Event,
     ForgetTimer,
@@ -91,7 +92,7 @@ class Monitor:
             implementation=hello.name,
             version=hello.version,
             parameters=in_header(self._known),
-            complete=COMPLETE,
+            complete=EVENT_KINDS,
         )
         self._engine = Engine(read(path).header, late_ms=0)
         self._clock: ArmedTimers[Timer] = ArmedTimers()

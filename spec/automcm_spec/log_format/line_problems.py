@@ -6,19 +6,18 @@ The reader names one null or float, which hides other errors from the models; he
 from __future__ import annotations
 
 import math
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
 from automcm_spec.log_format.log import (
+    EVENT_KINDS,
     RECORD,
-    EventKind,
     UnknownEvent,
 )
 from automcm_spec.log_format.problems import join, problems_of, unfit
 
 Json = Any
-KINDS: Final = get_args(EventKind)
 _UNKNOWN: Final = TypeAdapter(UnknownEvent)
 
 
@@ -59,7 +58,7 @@ def plain(
 
 def _wrong(line: Json) -> list[tuple[str, str]]:
     ev = line.get("ev")
-    unknown = line.get("rec") == "event" and isinstance(ev, str) and ev not in KINDS
+    unknown = line.get("rec") == "event" and isinstance(ev, str) and ev not in EVENT_KINDS
     try:
         if unknown:
             _UNKNOWN.validate_python(line)

@@ -52,6 +52,8 @@ Value = TypeAliasType(
 """Plain JSON without null and float."""
 
 EventKind = Literal["command", "indication", "receive", "restart", "send", "timer"]
+EVENT_KINDS: Final[tuple[EventKind, ...]] = get_args(EventKind)
+"""All kinds, sorted: ``complete`` of a log that promises everything."""
 
 
 def _typed_message(message: dict[str, Value]) -> dict[str, Value]:
@@ -184,7 +186,7 @@ class Header(Part):
     @property
     def unobserved(self) -> list[str]:
         """The event kinds of which the log may lack events."""
-        return sorted({*get_args(EventKind)} - {*self.complete})
+        return sorted({*EVENT_KINDS} - {*self.complete})
 
     @model_validator(mode="before")
     @classmethod

@@ -19,8 +19,8 @@ from typing import Any, BinaryIO, Final, Literal
 from pydantic import ValidationError
 from pydantic_core import from_json
 
-from automcm_spec.log_format.line_problems import KINDS, line_problems, plain
-from automcm_spec.log_format.log import problems, transmission
+from automcm_spec.log_format.line_problems import line_problems, plain
+from automcm_spec.log_format.log import EVENT_KINDS, problems, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.log_format.private_keys import private_keys
 from automcm_spec.log_format.problems import join
@@ -355,7 +355,7 @@ class _Lint:
         ev, message = value.get("ev"), value.get("message")
         if isinstance(ev, str) and "ev" not in wrong:
             self._kinds[ev] += 1
-            if ev not in KINDS:
+            if ev not in EVENT_KINDS:
                 yield self._found("unknown", "ev", f"unknown kind of event {ev!r}")
                 return
         if ev == "send" and "tx" in value and "tx" not in wrong:

@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
@@ -43,7 +44,6 @@ from automcm_spec.vocabulary.station import (
 from automcm_traces.checker.track import REASONS
 
 Json = Any
-COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 START_MS, STEP_MS, FAR_MS, LEASE_MS = 100, 20, 60_000, 20_000
 LEASE: Timer = ("lease",)
 Proposal = tuple[Session, int]
@@ -392,7 +392,7 @@ class _LogBuilder:
             implementation="automcm.story",
             version="1",
             parameters=parameters,
-            complete=COMPLETE,
+            complete=EVENT_KINDS,
         ) as log:
             for ev, t_ms, fields in self._stations[station].events:
                 log.event(ev, t_ms, **fields)
