@@ -14,6 +14,7 @@ from edits import HEADER
 from automcm_spec.log_format.log import Header
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.json_forms import input_of
+from automcm_spec.vocabulary.rules import kind
 from automcm_traces.export.itf import ItfState, from_itf
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import Hazard, hazard
@@ -27,7 +28,7 @@ from automcm_traces.system.properties import (
     no_cross_effect,
     one_session,
 )
-from automcm_traces.system.timeline import Moment, Session, Timeline, cause_of, key_of
+from automcm_traces.system.timeline import Moment, Session, Timeline, key_of
 from automcm_traces.system.world import World
 
 FOLDER = Path(__file__).parents[2] / "counterexamples"
@@ -117,7 +118,7 @@ def moment(n: int, t: int, station: int, x: Any, before: Any, state: ItfState) -
         session_of(x),
         x["target"],
         x["proposal"],
-        cause_of(input_of(list(given))) if mine else "nothing",
+        kind(input_of(list(given))) if mine else "nothing",
         src=heard[1] if heard else 0,
         about=tuple(heard[3]) if heard else None,
         acked=tuple(acked) if heard and heard[0] == "Ack" else (),

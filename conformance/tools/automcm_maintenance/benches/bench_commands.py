@@ -27,7 +27,7 @@ SUBJECTS = {
     "radio": "the simulated radio channel",
     "traces": "reading and judging logs",
     "conform": "the kit's check of an adapter, in Python and C++",
-    "encodings": "the states that the radio's encoding in the specification saves",
+    "encodings": "the states that an encoding saves TLC",
     "traffic": "traffic with stations in SUMO; needs automcm[sumo]",
 }
 
@@ -37,7 +37,7 @@ class BenchFailure(Exception):
 
 
 def measured(subject: str, seconds: float) -> BenchRun:
-    """BenchRun the benches of a subject, each for about this long.  Raises BenchFailure."""
+    """Run the benches of a subject, each for about this long.  Raises BenchFailure."""
     with scratch.folder("bench") as folder:
         figures = folder / "figures.json"
         words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), "-qs"]
