@@ -216,7 +216,8 @@ def the_commitment_ends_by_fin_only() -> None:
     duration = Station._duration
 
     def lasts(self: Station, timer: Timer, now: int) -> int:
-        return 10**8 if timer.name == "lease" else duration(self, timer, now)
+        endless = timer.name == "lease" and self.state.role == "receiver"
+        return 10**8 if endless else duration(self, timer, now)
 
     Station._duration = lasts  # type: ignore[method-assign]
 

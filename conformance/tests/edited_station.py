@@ -15,6 +15,7 @@ from automcm_maintenance.compilation import compiler
 
 def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
     """The verdict on each log, and on the reference; and the rules and phases met in the logs."""
+    sys.path.append(str(Path(__file__).with_name("scenarios")))
     from test_scenarios import REFERENCE, run  # after the station is compiled
 
     from automcm_conformance.exchange.transcript import finding

@@ -156,7 +156,7 @@ def short_list(data: bytes) -> list[Any]:
             case 2:
                 items.append(data[at : at + number])
                 at += number
-            case 5 if number == 0:
+            case 5:
                 items.append({})
             case _:
                 break

@@ -101,7 +101,8 @@ MUTANTS = [
 
 
 def mutated(kernel: str, old: str, new: str) -> ModuleType:
-    module = importlib.import_module(f"automcm.kernels.{kernel}")
+    package = "automcm_simulation.radio" if kernel == "success" else "automcm.kernels"
+    module = importlib.import_module(f"{package}.{kernel}")
     source = inspect.getsource(module)
     assert source.count(old) >= 1, f"{kernel}: {old!r} is not there"
     copy = ModuleType(module.__name__)
