@@ -20,6 +20,8 @@ from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
+sys.path.append(str(Path(__file__).with_name("viewer")))  # for test_page
+
 import browser_checks
 import browser_colour_checks
 import browser_firefox
