@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from automcm_cli.shared.common import markdown_table
 from automcm_conformance.explore import explore
 from automcm_conformance.explore import walk_shrinking as shrink
 from automcm_conformance.explore.walk_shrinking import FailingWalk
 from automcm_maintenance.code_mutation import cpp_station
+from automcm_maintenance.documents.repository import markdown_table
 
 RATIO = 1.5
 NEAREST = 20_000
@@ -95,7 +95,7 @@ def show(rows: Sequence[Row]) -> str:
         (r.name, str(r.seed), f"{r.seconds:.1f}", r.rule, str(r.acts), str(r.shortest), r.failed)
         for r in rows
     ]
-    return "\n".join(markdown_table(titles, cells, ("rule",)))
+    return markdown_table(titles, cells, ("rule",))
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ import importlib
 import sys
 from typing import Any
 
-from automcm_evaluation.bandwidth.bandwidth_summary import ETSI_CAM
+from automcm_evaluation.bandwidth.bandwidth_tables import ETSI_CAM
 
 UNKNOWN_ELLIPSE = {
     "semiMajorConfidence": 4095,

@@ -11,7 +11,7 @@ import importlib
 import sys
 from typing import Any
 
-from automcm_evaluation.bandwidth.bandwidth_summary import CERTIFICATE, DIGEST
+from automcm_evaluation.bandwidth.bandwidth_tables import CERTIFICATE, DIGEST
 
 PAYLOAD = bytes(100)
 SIGNATURE = ("ecdsaNistP256Signature", {"rSig": ("x-only", bytes(32)), "sSig": bytes(32)})

@@ -13,7 +13,7 @@ from typing import Any
 
 from foreign_checks import run
 
-from automcm_evaluation.arrival import arrival, arrival_claims, sumo
+from automcm_evaluation.arrival import arrival, sumo
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, chosen
 
 SIGNAL_S = 5.0
@@ -57,22 +57,14 @@ def a_lane_change_at_once_makes_it_brake_hard_but_not_stop() -> None:
         assert found["hardest"] > trial("cooperative", speed_kmh)["hardest"] > 0
 
 
-def the_cells_of_the_experiment_lead_to_its_claim() -> None:
+def the_cells_of_the_experiment_have_no_gain() -> None:
     settings = arrival.ArrivalSetting(trials=3, draws=1)
     cells = [Cell(v, arrival.run(v, 1)) for v in arrival.cells(settings) if v["part"] == "sumo"]
-    found = {
-        "sumo": {
-            str(kmh): {c.values["how"]: c.result for c in chosen(cells, speed_kmh=kmh)}
-            for kmh in arrival_claims.SPEEDS_KMH
-        }
-    }
     for speed_kmh in FREE_S:
-        gain = arrival_claims.sumo_gain(found, speed_kmh, "forced")
+        here = {c.values["how"]: c.result for c in chosen(cells, speed_kmh=speed_kmh)}
+        gain = here["forced"]["lost_s"] - here["prescribed"]["lost_s"]
         assert -3 < gain < 0, (speed_kmh, gain)
-        here = found["sumo"][str(speed_kmh)]
-        assert abs(here["prescribed"]["lost_s"] - here["forced"]["lost_s"] + gain) < 0.002
         assert 0 < here["forced"]["lost_s"] < 2
-    assert "never stops" in arrival_claims.sumo_claim(found).why
 
 
 def who_never_arrives_is_told() -> None:
@@ -89,7 +81,7 @@ CHECKS: tuple[Callable[[], None], ...] = (
     the_same_trial_gives_the_same_after_another_one,
     a_prescription_slows_it_down_by_20_km_h_and_costs_what_its_gap_takes,
     a_lane_change_at_once_makes_it_brake_hard_but_not_stop,
-    the_cells_of_the_experiment_lead_to_its_claim,
+    the_cells_of_the_experiment_have_no_gain,
     who_never_arrives_is_told,
 )
 
