@@ -62,7 +62,7 @@ def wrongly_told(
         "session": list(before.session),
         "proposal": step.after.proposal + (name == "propose"),
         "stations": sorted(step.after.recorded),
-        "intentions": sorted(step.after.recorded),
+        "intentions": sorted(step.after.recorded, key=repr),
     }
     received = to_dict(step.given) if isinstance(step.given, Message) else {}
     wanted |= {"prescription": received, "acceptance": received} if received else {}

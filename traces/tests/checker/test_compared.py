@@ -19,7 +19,7 @@ from automcm_spec.vocabulary import application, messages
 from automcm_spec.vocabulary.application import names
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.compared import COMPARED
-from automcm_traces.explain.explain import explain
+from automcm_traces.explain.explain import explain, verdict_of
 
 Json = Any
 Records = list[dict[str, Json]]
@@ -176,3 +176,12 @@ def test_tlc_finds_the_same(cases: dict[Place, tuple[int, str, Log]]) -> None:
     for place, mine, its in zip(cases, map(explain, logs), explain_batch(logs), strict=True):
         found = [(v.verdict, v.finding.at.line, v.finding.rule) for v in (mine, its)]
         assert found[0] == found[1], (place, mine.finding, its.finding)
+
+
+def test_the_order_of_intentions_is_not_compared_whatever_the_ids(tmp_path: Path) -> None:
+    simulation = Simulation(seed=1, logs=tmp_path)
+    for station in (1, 9, 10):
+        simulation.add(station, Straight())
+    simulation.request(1, at=500)
+    simulation.run(until=6000)
+    assert verdict_of(tmp_path / "1.ndjson").verdict == "allowed"
