@@ -46,7 +46,10 @@ def told(name: str, given: Fields) -> dict[str, object]:
     found = {one: given[one] for one in names if one in given}
     match found.get("intentions"):
         case list(intentions):
-            found["intentions"] = [m.get("src") if isinstance(m, dict) else m for m in intentions]
+            senders = [m.get("src") if isinstance(m, dict) else m for m in intentions]
+            found["intentions"] = senders
+            if None in senders:  # a form of the implementation's own
+                del found["intentions"]
     return found
 
 
