@@ -61,7 +61,6 @@ BAD, PAIR = "traces/corpus/bad", "traces/corpus/pair"
             "simulate lane-change --vehicles 4 --speed 30",
             marks=pytest.mark.slow,
         ),
-        pytest.param("reference.md", "bench window", marks=pytest.mark.slow),
     ],
 )
 def test_an_excerpt_is_what_the_command_prints(
