@@ -129,3 +129,4 @@ ready:
 .venv/ready: .venv/packages pyproject.toml
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
+	@echo "Ready. Next: $(BIN)/automcm demo, or $(BIN)/automcm --help"

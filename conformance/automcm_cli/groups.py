@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
+from types import MethodType
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
-from automcm_cli.shared.common import CODES, say
+from automcm_cli.shared.common import say
 from automcm_spec.support.bad_input import printable
 
 _MAINTENANCE = "automcm_maintenance"
@@ -58,6 +59,8 @@ _ONLY_IN_A_CLONE = (
     *("bench", "certify", "experiment", "generate", "mutate", "pages", "prove", "traffic-sweep"),
     "verify",
 )
+_OUT_WAS = {"coverage": "--html", "demo": "--logs", "report": "--html"}
+"""By command, the name of ``--out`` in earlier versions."""
 
 
 def _installed(module: str) -> bool:
@@ -74,6 +77,30 @@ def _commands(modules: Sequence[str]) -> dict[str, Any]:
     return commands
 
 
+def _sentence(error: typer.BadParameter) -> str:
+    """What is wrong with a value, in our words where pydantic rejected it."""
+    errors = getattr(error.__cause__, "errors", None)
+    if errors is None:
+        return error.message
+    first = errors(include_url=False)[0]
+    given, kind = first["input"], first["type"].removesuffix("_parsing")
+    limits = {"greater_than_equal": ("ge", "at least"), "less_than_equal": ("le", "at most")}
+    if kind in limits:
+        limit, words = limits[kind]
+        return f"must be {words} {first['ctx'][limit]}, not {given}"
+    if kind in ("int", "float", "int_from_float"):
+        return f"{given!r} is not a {'number' if kind == 'float' else 'whole number'}"
+    return str(first["msg"]).removeprefix("Value error, ")
+
+
+def _format_help(command: Any, ctx: Any, formatter: Any) -> None:
+    """The help of a command: how it is called, an example, then the rest."""
+    command.format_usage(ctx, formatter)
+    command.format_epilog(ctx, formatter)
+    command.format_help_text(ctx, formatter)
+    command.format_options(ctx, formatter)
+
+
 class Group(TyperGroup):
     """A group whose flags default to False, and whose usage errors are one line.
 
@@ -85,8 +112,17 @@ class Group(TyperGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            error.message = printable(error.message)
+            error.message = printable(_sentence(error))
             raise
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command and its arguments, where ``--out`` has replaced an older name."""
+        name, command, rest = super().resolve_command(ctx, args)
+        old, end = _OUT_WAS.get(name or ""), rest.index("--") if "--" in rest else len(rest)
+        for n, word in enumerate(rest[:end]):
+            if old and word.partition("=")[0] == old:
+                rest[n] = word.replace(old, "--out", 1)
+        return name, command, rest
 
     def get_params(self, ctx: Any) -> list[Any]:
         """All parameters, including ``--help``."""
@@ -107,6 +143,8 @@ class Group(TyperGroup):
                 err=True,
             )
             raise typer.Exit(3)
+        if found is not None and not isinstance(found, Group):
+            vars(found)["format_help"] = MethodType(_format_help, found)
         return found
 
 
@@ -114,9 +152,7 @@ class _LazyGroup(Group):
     """A group that is imported when one of its commands is used."""
 
     def __init__(self, name: str, modules: Sequence[str], about: str) -> None:
-        super().__init__(
-            name=name, help=about, epilog=CODES, no_args_is_help=True, rich_markup_mode=None
-        )
+        super().__init__(name=name, help=about, no_args_is_help=True, rich_markup_mode=None)
         self._modules = modules
         del self.commands
 

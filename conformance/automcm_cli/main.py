@@ -25,7 +25,12 @@ app = typer.Typer(
 app.command(epilog=example("conform run -- automcm adapter"))(station_commands.adapter)
 app.command(epilog=example("demo --loss 0.3"))(demo_command.demo)
 app.command(epilog=example("drive --uri ws://127.0.0.1:9090"))(station_commands.drive)
-app.command(epilog=example("station --id 7 --request-after 500"))(station_commands.station)
+app.command(
+    epilog=example(
+        "station --id 7 --first",
+        "In a second terminal: automcm station --id 8 --first --request-after 500.",
+    )
+)(station_commands.station)
 
 
 def _version(wanted: bool) -> None:

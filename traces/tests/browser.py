@@ -1,6 +1,8 @@
 """The page of ``automcm trace html`` in a real browser.
 
-    python traces/tests/browser.py [--screenshots FOLDER]
+    python traces/tests/browser.py [--screenshots FOLDER] [--picture PAGE]
+
+After ``automcm demo --loss 0.3``, ``--picture runs/demo/page.html`` takes the README's picture.
 
 Needs playwright and Chromium, and for some checks Firefox; what is missing is skipped, and named.
 """
@@ -59,6 +61,16 @@ def screenshots(browser: Browser, folder: Path) -> None:
                 with browser.page(path, viewport=size, color_scheme=theme) as page:
                     page.wait_for_timeout(300)
                     page.screenshot(path=folder / f"{path.stem}-{width}-{theme}.png")
+
+
+PICTURE = Path(__file__).parents[2] / "docs" / "demo.png"
+
+
+def picture(browser: Browser, path: Path) -> None:
+    """The page of a demonstration, as the README shows it."""
+    with browser.page(path.resolve(), viewport={"width": 1200, "height": 620}) as page:
+        page.wait_for_timeout(300)
+        page.screenshot(path=PICTURE)
 
 
 class Missing(Exception):
@@ -128,12 +140,19 @@ def _passes(check: Callable[[Any, Path], None], browser: Any, folder: Path) -> s
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--screenshots", type=Path, help="Only pictures, into this folder.")
+    parser.add_argument(
+        "--picture", type=Path, help="Only the picture of the README, of this page."
+    )
     parser.add_argument("names", nargs="*", help="Only these checks.")
     wanted = parser.parse_args()
     with TemporaryDirectory() as name:
         if wanted.screenshots is not None:
             with _chromium(Path(name)) as browser:
                 screenshots(browser, wanted.screenshots)
+            return 0
+        if wanted.picture is not None:
+            with _chromium(Path(name)) as browser:
+                picture(browser, wanted.picture)
             return 0
         counts = Counter[str]()
         for title, checks, opened in (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from automcm_cli.shared import completion
 from automcm_cli.shared.adapter_options import (
     Limit,
     WithCommand,
@@ -35,7 +36,11 @@ if TYPE_CHECKING:
 app = typer.Typer()
 Selectors = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[SELECTOR]...", help="A case id or its prefix, a rule id, or a level."),
+    typer.Argument(
+        metavar="[SELECTOR]...",
+        help="A case id or its prefix, a rule id, or a level.",
+        autocompletion=completion.selectors,
+    ),
 ]
 
 
@@ -73,8 +78,7 @@ def run(
     started, clock = datetime.now(UTC), time.monotonic()
     with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
         known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
-        files.folder(folder, named=True)
-        with progress() as notify:
+        with files.new_folder(folder, named=True), progress() as notify:
             report = conform(
                 command,
                 chosen,
@@ -101,7 +105,10 @@ def run(
 @app.command("list", epilog=example("conform list NEG-4 --json -"))
 def list_(
     selectors: Selectors = None,
-    explain: Annotated[str | None, typer.Option(help="Describe the case with this id.")] = None,
+    explain: Annotated[
+        str | None,
+        typer.Option(help="Describe the case with this id.", autocompletion=completion.selectors),
+    ] = None,
     json_: Json = None,
 ) -> None:
     """List the test cases."""
@@ -197,7 +204,11 @@ def new(
         Path, typer.Argument(help="Folder for the adapter; it must be new or empty.")
     ],
     language: Annotated[
-        str, typer.Option(help="Language: cpp, go, java, javascript, python or rust.")
+        str,
+        typer.Option(
+            help="Language: cpp, go, java, javascript, python or rust.",
+            autocompletion=completion.languages,
+        ),
     ] = "python",
 ) -> None:
     """Write the skeleton of an adapter, ready to run."""
@@ -213,14 +224,14 @@ def new(
         say(f"    {command}")
 
 
-@app.command("report", epilog=example("conform report a.json b.json --html both.html"))
+@app.command("report", epilog=example("conform report a.json b.json --out both.html"))
 def report_side_by_side(
     reports: Annotated[list[Path], typer.Argument(help="The report.json file of each run.")],
-    html: Annotated[Path, typer.Option(help="File for the HTML page.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="File for the HTML page.")] = Path("report.html"),
 ) -> None:
     """Write one HTML page that compares several runs."""
     from automcm_conformance.report import report as report_
 
     with code_3("report", ValueError, OSError):
-        files.write(html, report_.html([report_.load(path) for path in reports]))
-    say(html)
+        files.write(out, report_.html([report_.load(path) for path in reports]))
+    say(out)

@@ -55,8 +55,7 @@ def explore(
         return number < walks if walks is not None else time.monotonic() - clock < seconds
 
     with code_3("explore", AdapterError, ProtocolError, OracleError, OSError):
-        files.folder(folder, named=True)
-        with progress() as notify:
+        with files.new_folder(folder, named=True), progress() as notify:
             found = explore_(
                 command, folder, limit_s=limit, seed=seed, enough=enough, notify=notify, more=more
             )

@@ -33,7 +33,9 @@ def demo(
         bool, typer.Option("--secured", help="Sign all messages, with keys made for this run.")
     ] = False,
     close_early: CloseEarly = False,
-    logs: Annotated[Path, typer.Option(help="Folder for the logs.")] = Path("runs/demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the logs and the page.")] = Path(
+        "runs/demo"
+    ),
     seed: Annotated[int, typer.Option(help="Seed of the losses and delays.")] = 0,
     listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
     json_: Json = None,
@@ -43,8 +45,8 @@ def demo(
     The prescriber instructs B to slow down, B accepts, A and C are not selected, and the session
     ends with a Fin.  With --kill B, the prescriber falls back because of CAM loss.  With
     --second-prescriber, B refuses the instruction of another station because it is busy.  Every
-    station's log is checked against the oracle.  The exit code is 1 if the outcome differs from
-    this description.
+    station's log is checked against the oracle, and a page of the run is written.  The exit code is
+    1 if the outcome differs from this description.
     """
     import asyncio
 
@@ -57,7 +59,7 @@ def demo(
     if kill and second_prescriber:
         raise typer.BadParameter("--kill and --second-prescriber cannot be combined")
     shown = Demo(
-        logs,
+        out,
         loss=loss,
         kill=kill == "B",
         second_prescriber=second_prescriber,
@@ -68,6 +70,7 @@ def demo(
     )
     with code_3("demo", LinkError, MissingExtra, OSError), _live(shown):
         asyncio.run(shown.run())
+        shown.write_page()
     if write_json(json_, shown.as_dict()):
         _summary(shown)
     raise typer.Exit(1 if shown.problems else 0)
@@ -118,3 +121,5 @@ def _summary(shown: Demo) -> None:
         say(problem, err=True)
     if not shown.problems:
         say("ended as described")
+    if shown.page is not None:
+        say(f"open in a browser: {shown.page}")

@@ -58,12 +58,21 @@ class Lines:
 
     def __init__(self, name: str) -> None:
         self._name = name
+        self._began = time.monotonic()
+        self._terminal = sys.stdout.isatty()
         self._err = _line_output(sys.stderr)
         self._out = _line_output(sys.stdout, lambda why: self._report_loss(why))
 
     def report(self, event: dict[str, Any]) -> None:
-        """One line of JSON on standard output."""
-        self._out.write(json.dumps(event, separators=(",", ":")).encode() + b"\n")
+        """One line on standard output: JSON; on a terminal words, without single messages."""
+        if event.get("name") == "refused":
+            event = event | {"reason": _refusal(event)}
+        text = json.dumps(event, separators=(",", ":"))
+        if self._terminal:
+            if not (text := _words(event)):
+                return
+            text = printable(f"{time.monotonic() - self._began:7.2f} s  {text}")
+        self._out.write(text.encode() + b"\n")
 
     def complain(self, text: str) -> None:
         """One line on standard error."""
@@ -78,6 +87,50 @@ class Lines:
 
     def _report_loss(self, why: str) -> None:
         self.complain(f"standard output: {why}; current reports are lost")
+
+
+_TOLD = {
+    "choose": "the application chooses",
+    "propose": "the application proposes again:",
+    "verify": "the application verifies the proposal",
+    "accepted": "agreement: the other station has accepted",
+    "finished": "finished as agreed",
+    "fallback": "the session fails:",
+}
+
+
+def _refusal(event: dict[str, Any]) -> str:
+    """Why a command was refused."""
+    from automcm_spec.vocabulary.rules import RULES
+
+    if left_ms := event["quarantine_ms"]:
+        return f"quarantine, {-(-left_ms // 1000)} s left"
+    return RULES[event["rule"]]
+
+
+def _words(event: dict[str, Any]) -> str:
+    """A report in words; empty for single messages."""
+    session = "/".join(map(str, event.get("session") or ()))
+    match event:
+        case {"event": "start"}:
+            return f"station {event['station']} runs; Ctrl-C ends it"
+        case {"event": "phase", "phase": "STANDALONE"}:
+            return f"out of the session ({event['rule']})"
+        case {"event": "phase"}:
+            to = f" to station {event['target']}" if event["phase"] == "PRESCRIBING" else ""
+            where = f"as {event['role']} of session {session} ({event['rule']})"
+            return f"{event['phase'].lower()}{to}, {where}"
+        case {"event": "told", "name": "refused"}:
+            return f"a command was refused by {event['rule']}: {event['reason']}"
+        case {"event": "told"}:
+            return f"{_TOLD.get(event['name'], event['name'])} {event['reason']}".strip()
+        case {"event": "end"}:
+            return f"ended: {sum(event['statistics']['sent'].values())} messages sent"
+        case {"event": "given_up"}:
+            return f"no Ack in time: gave up ({event['rule']})"
+        case {"event": "drive"}:
+            return str(event["text"])
+    return "" if event["event"] in ("sent", "received") else json.dumps(event)
 
 
 def _line_output(stream: TextIO, trouble: Callable[[str], None] = lambda why: None) -> LineOutput:
@@ -187,6 +240,10 @@ def station(
         ),
     ] = 1100,
     for_ms: For = None,
+    name: Annotated[str, typer.Option(help="Name of the station in its log.")] = "",
+    place: Annotated[
+        str, typer.Option(help="Where it drives from, in m along and across the road.")
+    ] = "0,0",
     zero: Annotated[
         float | None,
         typer.Option(
@@ -229,6 +286,7 @@ def station(
         watcher = address(log_to.removeprefix("udp:")) if log_to else None
         coded = by_name(codec)
     straight = Straight(
+        place_mm=_place(place),
         target=target,
         refuse_first=refuse_first,
         maneuver_ms=maneuver,
@@ -246,6 +304,7 @@ def station(
     async def run(lines: Lines) -> None:
         process = StationProcess(
             station_id=station_id,
+            name=name,
             application=served or straight,
             serving=served or nullcontext(),
             link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
@@ -268,6 +327,17 @@ def station(
         await process.run()
 
     carry_out("station", run)
+
+
+def _place(text: str) -> tuple[int, int]:
+    """Two numbers of metres, in mm."""
+    try:
+        along, across = (round(1000 * float(number)) for number in text.split(","))
+    except (ValueError, OverflowError):
+        raise typer.BadParameter(
+            f"expected two numbers in m, such as 40,3.5, not {text!r}", param_hint="--place"
+        ) from None
+    return along, across
 
 
 def _keys(folder: Path, station_id: int, codec: Codec, parameters: Parameters) -> StationKeys:
@@ -323,7 +393,12 @@ def drive(
     async def run(lines: Lines) -> None:
         over = stopping(for_ms)
         remote = RemoteApplication(
-            Straight(target=target, concerned_by_all=request_after is None, from_now=True),
+            Straight(
+                target=target,
+                concerned_by_all=request_after is None,
+                from_now=True,
+                report=lambda text: lines.report({"event": "drive", "text": text}),
+            ),
             uri,
             expect=[LANE_CHANGE],
             attempts=attempts,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from automcm_cli.shared import completion
 from automcm_cli.shared.common import (
     Json,
     code_3,
@@ -28,7 +29,10 @@ app = typer.Typer()
 @app.command("traffic", epilog=example("simulate traffic --scenario lane-change --vehicles 20"))
 def traffic(
     scenario: Annotated[
-        str, typer.Option(help="Which scenario; an unknown name lists them.")
+        str,
+        typer.Option(
+            help="Which scenario; an unknown name lists them.", autocompletion=completion.scenarios
+        ),
     ] = "lane-change",
     vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=1)] = 20,
     density: Annotated[
@@ -98,8 +102,8 @@ def traffic(
         )
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
-        files.folder(out, named=True)
         with ExitStack() as stack:
+            stack.enter_context(files.new_folder(out, named=True))
             bar = stack.enter_context(_bar(duration_s))
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
         record = run.record(found)

@@ -39,8 +39,8 @@ Late = Annotated[
 
 
 def example(command: str, more: str = "") -> str:
-    """The epilog of a command's help: an example, further text, the exit codes."""
-    return f"Example: automcm {command}.  {more}{CODES}"
+    """The example of a command's help, and further text."""
+    return f"Example: automcm {command}.  {more}".strip()
 
 
 def say(line: object = "", *, err: bool = False) -> None:

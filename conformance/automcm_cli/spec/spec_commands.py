@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from automcm_cli.shared import completion
 from automcm_cli.shared.common import (
     Json,
     code_3,
@@ -24,11 +25,18 @@ app = typer.Typer()
 
 Profile = Annotated[
     str | None,
-    typer.Option(help="quick, full or deep.  Each includes the models of the previous ones."),
+    typer.Option(
+        help="quick, full or deep.  Each includes the models of the previous ones.",
+        autocompletion=completion.profiles,
+    ),
 ]
 Property = Annotated[
     str | None,
-    typer.Option("--property", help="Only models that check this property, such as S-5."),
+    typer.Option(
+        "--property",
+        help="Only models that check this property, such as S-5.",
+        autocompletion=completion.properties,
+    ),
 ]
 
 
@@ -48,7 +56,10 @@ def spec_list(profile: Profile = None, property_: Property = None, json_: Json =
 @app.command("check", epilog=example("spec check rejoin --json -"))
 def spec_check(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Names of models, as shown by automcm spec list.")
+        list[str] | None,
+        typer.Argument(
+            help="Names of models, as shown by automcm spec list.", autocompletion=completion.models
+        ),
     ] = None,
     profile: Profile = None,
     property_: Property = None,

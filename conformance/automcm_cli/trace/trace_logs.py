@@ -210,7 +210,7 @@ def coverage(
         bool,
         typer.Option("--annotate", help="Print the text of Station.tla with a mark on each line."),
     ] = False,
-    html: Annotated[
+    out: Annotated[
         Path | None,
         typer.Option(help="File for a page: the text of Station.tla, lines taken green and red."),
     ] = None,
@@ -228,12 +228,12 @@ def coverage(
     paths = files_of("coverage", logs)
     with progress() as status:
         found = coverage_.measure(_with_progress(paths, status), late)
-    if html is not None:
+    if out is not None:
         from automcm_traces.explain.coverage_page import page
 
         with code_3("coverage", OSError):
-            files.folder(html.parent, named=True)
-            files.write(html, page(found), named=True)
+            files.folder(out.parent, named=True)
+            files.write(out, page(found), named=True)
     if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
             say(line)

@@ -380,13 +380,13 @@ def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> 
 def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
     page = tmp_path / "both.html"
     files = [str(done.folder / "report.json") for done in (good, bad)]
-    answer = automcm("conform", "report", *files, "--html", page)
+    answer = automcm("conform", "report", *files, "--out", page)
     assert answer.exit_code == 0 and str(page) in answer.output.replace("\n", "")
     assert page.read_text().count("automcm reference") >= 2
     (tmp_path / "x.json").write_text("{}")
     for arguments in (
-        [str(tmp_path / "none.json"), "--html", str(page)],
-        [str(tmp_path / "x.json"), "--html", str(page)],
+        [str(tmp_path / "none.json"), "--out", str(page)],
+        [str(tmp_path / "x.json"), f"--html={page}"],  # its name in earlier versions
         [*files, "--html", str(tmp_path / "no" / "where.html")],
     ):
         answer = automcm("conform", "report", *arguments)

@@ -123,7 +123,7 @@ TABLE: dict[str, Way] = {
     "automcm conform new --language python my_adapter": Run(),
     "automcm conform replay FILE -- mine/run": AGAIN,
     "automcm conform replay runs/x/replay/y-1.json -- ./my_adapter": AGAIN,
-    "automcm conform report a.json b.json --html both.html": SIDE,
+    "automcm conform report a.json b.json --out both.html": SIDE,
     "automcm conform run -- automcm adapter": LONG,
     "automcm conform run -- mine/run": LONG,
     "automcm conform run PRE-6 -- automcm adapter": Parsed("the rule is to be added before"),

@@ -70,7 +70,7 @@ TABLE: dict[str, Cheap | str] = {
     "conform live": "needs a station on sockets",
     "conform new": Cheap(["made"], files=("made",)),
     "conform replay": "needs a failure, and prints as conform run does",
-    "conform report": Cheap(["report.json"], files=("--html",)),
+    "conform report": Cheap(["report.json"], files=(OUT,)),
     "conform run": Cheap(
         ["AMCM/RCV/NEG/BI-05", *ADAPTER], files=(OUT, JSON), reads=("--expect",), slow=True
     ),
@@ -95,7 +95,7 @@ TABLE: dict[str, Cheap | str] = {
     "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
     "spec simulate": TLC,
     "station": SERVES,
-    "trace coverage": Cheap(["1001.ndjson"], files=("--html", JSON), slow=True),
+    "trace coverage": Cheap(["1001.ndjson"], files=(OUT, JSON), slow=True),
     "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "trace explain": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
     "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),

@@ -80,7 +80,7 @@ COMMANDS: dict[str, tuple[list[str], str, int]] = {
         3,  # the kit names it too
     ),
     "the demonstration": (
-        ["demo", "--logs", "logs", "--listen", "60000"],  # they say nothing meanwhile
+        ["demo", "--out", "logs", "--listen", "60000"],  # they say nothing meanwhile
         " station --first",
         4,
     ),
@@ -90,6 +90,12 @@ COMMANDS: dict[str, tuple[list[str], str, int]] = {
         2,
     ),
 }
+
+
+@pytest.mark.parametrize("words", [["conform", "run"], ["conform", "explore", "5"]], ids=" ".join)
+def test_a_command_that_fails_leaves_no_folder(words: list[str], home: Path) -> None:
+    assert start([*words, "--", "./none"]).wait(LIMIT_S) == 3
+    assert not list(home.glob("runs"))
 
 
 @pytest.mark.sweep(1)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pty
+import re
 import signal
 import socket
 import subprocess
@@ -68,9 +70,7 @@ def test_the_demonstration_ends_as_described(
 ) -> None:
     for n in range(ATTEMPTS):
         logs = tmp_path / str(n)
-        done = automcm_process(
-            "demo", "--logs", str(logs), "--listen", "0", "--json", "-", *options
-        )
+        done = automcm_process("demo", "--out", str(logs), "--listen", "0", "--json", "-", *options)
         found = json.loads(done.stdout)
         if max(vehicle["latest_ms"] for vehicle in found["vehicles"]) < LATE_MS:
             break
@@ -81,8 +81,14 @@ def test_the_demonstration_ends_as_described(
             assert story[vehicle["name"]] in json.dumps(vehicle)
     assert (found["lost"] > 0) == ("--loss" in options)
     assert [log["verdict"] for log in found["logs"]] == ["allowed"] * len(found["vehicles"])
+    places = set()
     for vehicle in found["vehicles"]:
-        assert len(read(logs / f"{vehicle['station']}.ndjson").events) > 50
+        log = logs / f"{vehicle['station']}.ndjson"
+        assert len(read(log).events) > 50
+        assert f'"x_name":"{vehicle["name"]}"' in log.read_text().splitlines()[0]
+        places.add(re.findall(r'"x_mm":(-?\d+),"y_mm":(-?\d+)', log.read_text())[0])
+    assert len(places) == len(found["vehicles"]), "each has a place of its own"
+    assert found["page"] == str(logs / "page.html") and (logs / "page.html").stat().st_size > 50_000
 
 
 SOON_OVER = ["--maneuver", "1000"]
@@ -248,6 +254,20 @@ def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) ->
     assert not restarts(tmp_path / "idle log") and not restarts(tmp_path / "first")
     assert kept.read_text() == "1\n" and restarts(tmp_path / "again")
     assert json.loads(again.stdout.splitlines()[0])["session_number"] == 1
+
+
+def test_a_refused_request_says_rule_and_reason_and_a_terminal_shows_words() -> None:
+    """After a restart a station is in quarantine (ACT-6, END-8)."""
+    words = ["--id", "7", "--listen", "0", "--request-after", "1", "--for", "300"]
+    via = ["--via", "127.0.0.1:9"]
+    done = automcm_process("station", *words, *via)
+    (told,) = (r for r in map(json.loads, done.stdout.splitlines()) if r["event"] == "told")
+    assert told["rule"] == "ACT-6" and re.fullmatch(r"quarantine, \d s left", told["reason"])
+    terminal, end = pty.openpty()
+    subprocess.run([*AUTOMCM, "station", *words, *via], stdout=end, check=True, timeout=LIMIT_S)
+    shown = os.read(terminal, 10_000).decode()
+    assert re.search(r"command was refused by ACT-6: quarantine, \d s left\r\n", shown)
+    assert "{" not in shown
 
 
 def restarts(log: Path) -> bool:

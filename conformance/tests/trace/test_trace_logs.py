@@ -168,7 +168,7 @@ def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_coverage_writes_a_page(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "new" / "coverage.html"
-    shown = automcm("trace", "coverage", folder, "--html", out)
+    shown = automcm("trace", "coverage", folder, "--out", out)
     assert shown.output == automcm("trace", "coverage", folder).output
     assert "<h1>Coverage of Station.tla</h1>" in out.read_text()
-    assert automcm("trace", "coverage", folder, "--html", folder).exit_code == 3
+    assert automcm("trace", "coverage", folder, "--out", folder).exit_code == 3

@@ -21,10 +21,16 @@ COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 
 def open_log(
-    target: str | Path | Sink, station_id: int, parameters: Parameters | None = None, *, run: str
+    target: str | Path | Sink,
+    station_id: int,
+    parameters: Parameters | None = None,
+    *,
+    run: str,
+    name: str = "",
 ) -> LogWriter:
-    """The log of one service of this implementation, for ``McService``; ``run`` names the run.
+    """The log of one service of this implementation, for ``McService``.
 
+    ``run`` names the run, ``name`` the station.
     Logs of stations of one run have the same ``run``.  Raises OSError if it cannot be written.
     """
     return LogWriter(
@@ -36,6 +42,7 @@ def open_log(
         parameters=in_header((parameters or Parameters()).known),
         complete=COMPLETE,
         validated=False,  # test_simulation.py compares the lines with validated ones
+        name=name,
     )
 
 

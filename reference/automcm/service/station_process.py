@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from automcm.core.outcome import Expiry, Received
-from automcm.core.state import State
+from automcm.core.state import QUARANTINE, State
 from automcm.core.station import Effects
 from automcm.encoding.codec import Codec
 from automcm.links.clock import SLEW, AsyncioClock
@@ -32,7 +32,7 @@ from automcm.service.line_output import LineOutput, create
 from automcm.service.service import McService
 from automcm_spec.log_format.writer import LogWriter, Sink
 from automcm_spec.support import files
-from automcm_spec.vocabulary.application import Command, Fallback, Propose
+from automcm_spec.vocabulary.application import Command, Refused
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -41,14 +41,10 @@ if TYPE_CHECKING:
 
 Report = Callable[[dict[str, Any]], None]
 """Takes one event, as JSON values."""
-
-
 STOP_MS = 1000
 """How long a stopping station waits, at most, for the Ack of its Cancel."""
 FINISH_S = 0.5
 """How long to wait at the end for a log that is written slowly."""
-
-
 _SIGNED = re.compile(rb"\x84.{1,3}\xa2\x01\x26", re.DOTALL)
 """The beginning of an envelope (``automcm.security.envelope``, which needs an extra)."""
 
@@ -100,7 +96,7 @@ class StationProcess:
     log: Path | None = None
     log_to: Sink | None = None
     """Where the log is sent, besides the file or instead of it."""
-    run_name: str = "live"
+    name: str = ""  # in the log
     number_file: NumberFile | None = None
     number: int = 0
     """Without a number file: the last session number that it may have used before."""
@@ -268,7 +264,7 @@ class StationProcess:
             raise OSError(f"{path}: {output.lost} log records were lost")
 
     def _writer(self, sink: Sink) -> LogWriter:
-        return open_log(sink, self.station_id, self.parameters, run=self.run_name)
+        return open_log(sink, self.station_id, self.parameters, run="live", name=self.name)
 
     def _observe(self, before: State, effects: Effects) -> None:
         """Report messages, changes of phase and indications."""
@@ -280,13 +276,18 @@ class StationProcess:
             more = {"reason": message.reason} if message.type in ("Acceptance", "Cancel") else {}
             self._report(service, event="sent", type=message.type, dst=message.dst, **more)
         if (before.phase, before.role) != (effects.state.phase, effects.state.role):
-            self._report(service, event="phase", rule=effects.rule)
+            self._report(service, event="phase", rule=effects.rule, target=effects.state.target)
         if isinstance(effects.input, Expiry) and effects.input.timer.name == "giveup":
             self._report(service, event="given_up", rule=effects.rule)
         for indication in effects.indications:
             if indication.name != "discarded":
-                reason = indication.reason if isinstance(indication, Fallback | Propose) else ""
-                self._report(service, event="told", name=indication.name, reason=reason)
+                about = {"name": indication.name, "reason": getattr(indication, "reason", "")}
+                if isinstance(indication, Refused):
+                    left_ms = (
+                        service.station.timers.get(QUARANTINE, effects.now_ms) - effects.now_ms
+                    )
+                    about |= {"rule": effects.rule, "quarantine_ms": left_ms}
+                self._report(service, event="told", **about)
         if self._idle is not None and not effects.state.outbox:
             _end(self._idle)
 

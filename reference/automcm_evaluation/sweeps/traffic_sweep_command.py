@@ -43,7 +43,7 @@ def traffic_sweep(
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/traffic-sweep"),
     again: Annotated[bool, typer.Option("--again", help="Repeat finished runs.")] = False,
     page: Annotated[
-        Path | None, typer.Option(help="Write the results as Markdown to this file.")
+        Path | None, typer.Option(help="File for the results as Markdown.", hidden=True)
     ] = None,
     json_: Json = None,
 ) -> None:
@@ -90,8 +90,7 @@ def traffic_sweep(
         "scenarios": summary,
         "bad": bad,
     }
-    if page is not None:
-        files.write(page, traffic_sweep.page(report), named=True)
+    files.write(page or out / "sweep.md", traffic_sweep.page(report), named=True)
     if write_json(json_, report):
         _say_sweep(summary, bad)
     raise typer.Exit(1 if bad else 0)

@@ -22,7 +22,11 @@ from automcm.links.simulated_radio import Channel
 from automcm.service.station_process import stopping
 from automcm_simulation.radio.relay import Relay
 from automcm_spec.support import children, files, scratch
+from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import Verdict, verdicts_of
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_data import load
+from automcm_traces.viewer.page_part import PageError
 
 LIMIT_S = 50
 ENDING_S = 5
@@ -30,6 +34,9 @@ LATE_MS = 500
 """Tolerated delay of a timer in the log of a process on a busy machine."""
 KILL_AFTER_MS = 300
 VALID_S = 86_400
+PLACES_M = ((0, 0), (24, 3.5), (0, 3.5), (-26, 3.5), (40, 0))
+"""Where the vehicles are at the start, in m along and across the road: the prescriber wants the
+lane in which A, B and C drive."""
 
 
 @dataclass
@@ -112,6 +119,8 @@ class Demo:
     delivered: int = 0
     lost: int = 0
     seconds: float = 0.0
+    page: Path | None = None
+    """The page of the run, once written."""
 
     def __post_init__(self) -> None:
         impatient = ["--set", "t_timeout=500"] if self.second_prescriber else []
@@ -125,6 +134,9 @@ class Demo:
         if self.second_prescriber:
             asks_long = ["--request-after", "1", "--set", "t_timeout=4000"]
             self.vehicles.append(DemoVehicle("second prescriber", 5, asks_long + aside))
+
+        for vehicle, (along, across) in zip(self.vehicles, PLACES_M, strict=False):
+            vehicle.options += ["--name", vehicle.name, "--place", f"{along},{across}"]
 
     def vehicle(self, name: str) -> DemoVehicle:
         """The vehicle with this name."""
@@ -154,8 +166,8 @@ class Demo:
 
     async def _run(self) -> None:
         files.folder(self.folder, named=True)
-        for old in self.folder.glob("[1-5].ndjson"):
-            old.unlink()
+        for old in (*self.folder.glob("[1-5].ndjson"), self.folder / "page.html"):
+            old.unlink(missing_ok=True)
         began = time.monotonic()
         stopped = stopping(LIMIT_S * 1000)
         relay = Relay(channel=Channel(loss=self.loss, delay_ms=self.delay_ms), seed=self.seed)
@@ -264,6 +276,15 @@ class Demo:
             if not vehicle.killed:
                 self.problems += [f"{verdict.file}: {warning}" for warning in verdict.warnings]
 
+    def write_page(self) -> None:
+        """Write the page of the run beside the logs.  Raises OSError."""
+        try:
+            data = html(load(self.logs, "automcm demo", LATE_MS))
+        except (BadInput, PageError):
+            return  # no station has written its log; the problems say why
+        files.write(self.folder / "page.html", data)
+        self.page = self.folder / "page.html"
+
     def _described(self) -> Sequence[tuple[str, bool]]:
         prescriber, a, b, c = self.vehicles[:4]
         signed = all(v.certificate for v in self.vehicles)
@@ -300,6 +321,7 @@ class Demo:
             "ok": not self.problems,
             "problems": self.problems,
             "seconds": round(self.seconds, 1),
+            "page": str(self.page) if self.page else None,
             "delivered": self.delivered,
             "lost": self.lost,
             "vehicles": [

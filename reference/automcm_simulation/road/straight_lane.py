@@ -6,6 +6,7 @@ the paper is a separate scenario.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from automcm.service.application import (
@@ -18,6 +19,7 @@ from automcm.service.application import (
 )
 from automcm_spec.vocabulary.application import Prescribe, Request
 from automcm_spec.vocabulary.messages import Session, Trajectory
+from automcm_spec.vocabulary.rules import RULES
 
 DAY_MS = 86_400_000
 LANE_CHANGE = Request(scenario="lane_change", details={"lane": 2})
@@ -43,15 +45,19 @@ class Straight:
     """Whether its plan begins now, as a bridge requires, or always at 0."""
     hold_ms: int = 2000
     lease_ms: int = 20_000
+    place_mm: tuple[int, int] = (0, 0)
+    """Where it is at midnight (UTC): along and across the road."""
+    report: Callable[[str], None] = lambda text: None
+    """Takes what it decides and what becomes of it, in words."""
 
     def attach(self, service: Service) -> None:
         """As ``Application.attach``."""
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
-        """As ``Application.kinematics``: at midnight (UTC) it is at 0."""
-        x_mm = self.speed_mm_s * (now_ms % DAY_MS) // 1000
-        return Kinematics(x_mm, 0, 0, self.speed_mm_s)
+        """As ``Application.kinematics``: at midnight (UTC) it is at its place."""
+        x_mm = self.place_mm[0] + self.speed_mm_s * (now_ms % DAY_MS) // 1000
+        return Kinematics(x_mm, self.place_mm[1], 0, self.speed_mm_s)
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
         """A trajectory of one second at ``per_cent`` of the speed."""
@@ -70,6 +76,7 @@ class Straight:
             return
         if not choice.target and self.target not in choice.planned:
             self.target = next(iter(choice.planned))
+        self.report(f"chooses station {self.target}, proposal {choice.proposal}")
         self.service.command(self._proposal(choice), self.think_ms)
 
     def _proposal(self, choice: Choice) -> Prescribe:
@@ -79,19 +86,26 @@ class Straight:
     def verify(self, proposal: Proposal) -> None:
         """As ``Application.verify``."""
         refused = proposal.proposal <= self.refuse_first
+        words = f"{'refuses' if refused else 'accepts'} proposal {proposal.proposal}"
+        self.report(f"{words} of station {proposal.session[0]}")
         answer = proposal.refuse() if refused else proposal.accept()
         self.service.command(answer, self.think_ms)
 
     def load(self, maneuver: AgreedManeuver) -> None:
         """As ``Application.load``."""
+        session = "/".join(map(str, maneuver.session))
+        self.report(f"agreement in session {session}: acts as {maneuver.role}")
         if maneuver.role == "prescriber":
             self.service.command(maneuver.complete(), self.maneuver_ms)
 
     def fallback(self, session: Session, reason: str) -> None:
-        """Does nothing: it always drives straight on."""
+        """Only reports it: it always drives straight on."""
+        self.report(f"session {session[0]}/{session[1]} fails: {reason}")
 
     def finished(self, session: Session) -> None:
-        """Does nothing: it always drives straight on."""
+        """Only reports it: it always drives straight on."""
+        self.report(f"session {session[0]}/{session[1]} ends as agreed")
 
     def refused(self, command: str, rule: str) -> None:
-        """Does nothing: the answer came too late, and the session continues without it."""
+        """Only reports it: the answer came too late, and the session continues without it."""
+        self.report(f"{command} refused by {rule}: {RULES.get(rule, '')}")

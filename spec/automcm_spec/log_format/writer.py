@@ -48,13 +48,14 @@ class LogWriter:
         parameters: Mapping[str, int] | None = None,
         complete: Iterable[str] = (),
         validated: bool = True,
+        name: str = "",
     ) -> None:
         """Write the header.
 
         `target` is a path, which is overwritten, or a sink, which is not closed at the end.
         `parameters` and `complete` are the fields of the header; the order of `complete` does not
         matter. If not `validated`, the fields of events are written as they are; they must have the
-        form and the order that the format demands.
+        form and the order that the format demands. A `name` of the station is a vendor field.
         """
         self._event_line = _line if validated else _ordered
         self._seq = 0
@@ -74,7 +75,7 @@ class LogWriter:
         )
         self._own = open(target, "wb") if isinstance(target, str | Path) else None  # noqa: SIM115
         self._sink: Sink = self._own or cast(Sink, target)
-        self._put(header)
+        self._put(_ordered(json.loads(header) | {"x_name": name}) if name else header)
 
     def event(self, ev: str, t_ms: int, /, **fields: object) -> int:
         """Write one event and return its `seq`.

@@ -40,6 +40,20 @@ def folder(path: Path, *, named: bool = False) -> Path:
     return path
 
 
+@contextmanager
+def new_folder(path: Path, *, named: bool = False) -> Iterator[None]:
+    """The same for what follows; after an exception, nothing remains of it that is empty."""
+    made = [each for each in (path, *path.parents) if not each.exists()]
+    folder(path, named=named)
+    try:
+        yield
+    except BaseException:
+        for each in made:
+            with suppress(OSError):
+                each.rmdir()
+        raise
+
+
 def read_private(path: Path, most: int) -> bytes:
     """The first ``most`` bytes of a file with a secret.
 

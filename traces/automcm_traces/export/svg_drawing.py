@@ -2,8 +2,8 @@
 
 Events are ordered by time, with aligned clocks. Where a reception would still come before its
 transmission, they follow the partial order. Times count from the first event. Copies of a message
-are one arrow. Time between events takes no space. The line of a
-station is thick while it acts. CAMs are left out.
+are one arrow. Time between events takes no space; a break marks a long wait. The line of a
+station is thick while it acts. CAMs are left out. A legend says what the lines mean.
 """
 
 from __future__ import annotations
@@ -24,13 +24,22 @@ COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160
 """In pixels: between stations, between events, above the first event, left of the first station."""
 SHORT = 30
 """The distance in pixels from the addressee at which the arrow of an unreceived message ends."""
+WAIT_MS = 1000
+"""A longer time between events is marked by a break."""
 COLOURS = {"delivered": "#1a6e4a", "duplicated": "#1a6e4a", "lost": "#b3261e", "forged": "#b3261e"}
 COLOURS["rejected"] = COLOURS["lost"]
 OTHER = "#6b7280"
+KEY = {
+    "delivered": "received",
+    "lost": "lost",
+    "rejected": "rejected",
+    "unobserved": "one end in no log",
+}
+"""By fate, the words of the legend."""
 DASHED = ("unobserved", "in_flight", "sender_unobserved", "forged")
 STYLE = (
     "text{font:11px sans-serif;fill:#1f2933}.name{font-weight:bold;font-size:13px}"
-    ".t{fill:#6b7280;text-anchor:end}.phase{fill:#5b3fa0}"
+    ".t,.wait{fill:#6b7280;text-anchor:end}.phase{fill:#5b3fa0}"
 )
 
 
@@ -64,11 +73,18 @@ def drawing(
     folds = _folded(merged, arrows, phases, ordered, unfold)
     ends = {node for fold in folds for node in (fold.first.leaves, fold.first.arrives)}
     shown = [n for n in ordered if n in phases or n in ends]
-    places = _Places(
-        {station: LEFT + k * COLUMN for k, station in enumerate(stations)},
-        {node: TOP + ROW * (k + 1) for k, node in enumerate(shown)},
-    )
-    height = TOP + ROW * (len(shown) + 2)
+    times = [merged.event(n).t_ms - starts[n[0]] for n in shown]
+    places = _Places({station: LEFT + k * COLUMN for k, station in enumerate(stations)}, {})
+    breaks: list[tuple[float, int]] = []
+    y = TOP
+    for node, at, before in zip(shown, times, [*times[:1], *times], strict=False):
+        if at - before > WAIT_MS:
+            y += 2 * ROW
+            breaks.append((y - ROW / 2, at - before))
+        y += ROW
+        places.y[node] = y
+    bottom = y + ROW
+    height = bottom + 2 * ROW
     width = LEFT + COLUMN * (len(stations) - 1) + 110
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
@@ -80,11 +96,40 @@ def drawing(
         x = places.x[station]
         name = escape(safe((names or {}).get(station, str(station))))
         lines.append(f'<text class="name" x="{x}" y="20" text-anchor="middle">{name}</text>')
-        lines.append(f'<path d="M{x} 30V{height - ROW}" stroke="#c3c9d1"/>')
-    lines += _acting(merged, phases, places, height - ROW)
+        lines.append(f'<path d="M{x} 30V{bottom}" stroke="#c3c9d1"/>')
+    lines += _acting(merged, phases, places, bottom)
+    lines += [_break(y, ms, width) for y, ms in breaks]
     lines += [_arrow(merged, fold, places) for fold in folds]
     lines += _labels(merged, places, phases, [0] * len(starts) if absolute else starts)
+    words = [word for fate, word in KEY.items() if any(fold.first.fate == fate for fold in folds)]
+    lines += _legend(words, any(fold.mark for fold in folds), height - ROW)
     return "\n".join([*lines, "</svg>"]) + "\n"
+
+
+def _break(y: float, ms: int, width: int) -> str:
+    """A wave across the lines, and how long nothing is drawn."""
+    wave = f'<path d="M{LEFT - 96} {y}q6 -5 12 0t12 0{"t12 0" * ((width - LEFT + 70) // 12)}"'
+    time = f'<text class="wait" x="{LEFT - 100}" y="{y + 4}">+{ms / 1000:.2f} s</text>'
+    return f'{wave} stroke="{OTHER}" fill="none"/>{time}'
+
+
+def _legend(words: list[str], copies: bool, y: int) -> Iterator[str]:
+    """What the lines of this drawing mean, in one row."""
+    x = 20
+    fates = {word: fate for fate, word in KEY.items()}
+    ends = {"received": "l-6 -4m6 4l-6 4", "lost": "m-4 -4l8 8m0 -8l-8 8", "rejected": "m0 -5v10"}
+    for word in [*words, "acts as agreed", *(["\u00d72: two copies"] if copies else [])]:
+        if fate := fates.get(word):
+            dash = ' stroke-dasharray="3 3"' if fate in DASHED else ""
+            sample = (
+                f'd="M{x} {y}h28{ends.get(word, "")}" stroke="{COLOURS.get(fate, OTHER)}"{dash}'
+            )
+            yield f'<path {sample} fill="none"/>'
+        elif word.startswith("acts"):
+            yield f'<rect x="{x}" y="{y - 2}" width="28" height="5" fill="#5b3fa0"/>'
+        x += 38 if word[0] != "\u00d7" else 0
+        yield f'<text x="{x}" y="{y + 4}">{word}</text>'
+        x += 7 * len(word) + 14
 
 
 def _folded(

@@ -112,3 +112,11 @@ def test_names_stay_text() -> None:
 
 def test_equal_logs_give_equal_pictures() -> None:
     assert drawing(four(1001, 2002)) == drawing(four(2002, 1001))
+
+
+def test_a_long_wait_is_a_break_and_the_legend_says_what_is_drawn() -> None:
+    text = drawing(four(1001, 2002, 3003, 4004))
+    words = [str(t.text) for t in parts(text, "text")]
+    waits = [word for word in words if word.startswith("+")]
+    assert waits and all(float(word[1:-2]) > 1 for word in waits)
+    assert words[-4:] == ["received", "lost", "acts as agreed", "\u00d72: two copies"]

@@ -8,21 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.adapter_options import purposes_of
-from automcm_cli.shared.common import Json, code_3, progress, write_json
+from automcm_cli.shared.common import Json, code_3, example, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_maintenance.code_mutation.source_mutants import Generated, SourceMutant
 
 STATIONS = ("reference", "cpp", "all")
-EPILOG = (
-    "Example: automcm conform certify --class timer --out runs/certificate.  Exit codes: 0 every "
-    "mutant is killed or equivalent; 1 a mutant survived; 2 usage error; 3 the run failed or was "
-    "interrupted."
-)
 app = typer.Typer()
 
 
-@app.command(epilog=EPILOG)
+@app.command(epilog=example("conform certify --class timer --out runs/certificate"))
 def certify(
     seed: Annotated[int, typer.Option(help="Seed of the sample and of the suite.")] = 1,
     mutant: Annotated[list[str] | None, typer.Option(help="Only this mutant.  Repeatable.")] = None,

@@ -43,7 +43,7 @@ def pages() -> dict[str, Callable[[], str]]:
 
 def _first_page() -> str:
     """The README up to its commands, with links from docs/."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## Two commands")[0]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## Model-check it")[0]
     return re.sub(r"\]\((?!https?:|#)(docs/)?", lambda m: "](" if m[1] else "](../", readme)
 
 

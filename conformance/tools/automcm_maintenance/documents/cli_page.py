@@ -42,7 +42,7 @@ def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
         return {"path": path, "about": about, "usage": ""}
     name = " ".join(path)
     context = command.context_class(command, info_name=name)
-    example, _, rest = command.epilog.removeprefix("Example: ").partition(".  ")
+    example, _, rest = command.epilog.removeprefix("Example: ").removesuffix(".").partition(".  ")
     rows = [_row(each) for each in command.params if not each.hidden]
     return {
         "path": path,
@@ -50,7 +50,7 @@ def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
         "usage": " ".join([name, *command.collect_usage_pieces(context)]),
         "options": markdown_table(_HEADS, rows, left=_HEADS) if rows else "",
         "example": example,
-        "further": _plain(rest.removesuffix(CODES).strip()),
+        "further": _plain(rest.strip()),
     }
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from automcm_cli.shared import completion
 from automcm_cli.shared.common import (
     Json,
     code_3,
@@ -24,7 +25,10 @@ app = typer.Typer()
 def verify(
     profile: Annotated[
         str,
-        typer.Option(help="quick, full (larger models, all graphs) or deep (up to half an hour)."),
+        typer.Option(
+            help="quick, full (larger models, all graphs) or deep (up to half an hour).",
+            autocompletion=completion.profiles,
+        ),
     ] = "quick",
     models: Annotated[
         bool,
@@ -34,7 +38,8 @@ def verify(
         str | None,
         typer.Option(
             help="With --no-models, for work on one rule: use only a small graph (two rounds, one "
-            "peer), disable only this rule, and skip the generated files. Takes seconds."
+            "peer), disable only this rule, and skip the generated files. Takes seconds.",
+            autocompletion=completion.rules,
         ),
     ] = None,
     fresh: Annotated[
