@@ -29,14 +29,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_each_has_help_with_an_example_and_exit_codes(command: str) -> None:
-    answer = automcm("trace", command, "--help")
-    assert answer.exit_code == 0
-    words = " ".join(answer.output.split())
-    assert "Example" in words and "Exit codes" in words
-
-
-@pytest.mark.parametrize("command", COMMANDS)
 def test_each_takes_a_folder(command: str, folder: Path) -> None:
     answer = automcm("trace", command, folder)
     assert answer.exit_code == 0, answer.output
