@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from automcm_conformance.explore import explore
 from automcm_conformance.explore import walk_shrinking as shrink
 from automcm_conformance.explore.walk_shrinking import FailingWalk
-from automcm_maintenance.code_mutation import cpp_station
+from automcm_maintenance.code_mutation import cpp_station, faults
 from automcm_maintenance.documents.repository import markdown_table
 
 RATIO = 1.5
@@ -104,14 +104,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=3, help="so many of them, from 1 on")
     parser.add_argument("--seconds", type=float, default=60.0, help="for each exploration")
     options = parser.parse_args()
-    chosen = [
-        m
-        for m in cpp_station.mutants(cpp_station.COMBINED)
-        if options.mutant is None or m.name in options.mutant
-    ]
+    mutants = faults.load("cpp_combined")
+    chosen = [m for m in mutants.values() if options.mutant is None or m.name in options.mutant]
     if not chosen or len(chosen) < len(set(options.mutant or ())):
-        names = (m.name for m in cpp_station.mutants(cpp_station.COMBINED))
-        parser.error(f"--mutant must be one of {', '.join(names)}")
+        parser.error(f"--mutant must be one of {', '.join(mutants)}")
     if lacking := cpp_station.missing():
         print(f"SKIPPED: {lacking} is not installed", file=sys.stderr)
         return 0

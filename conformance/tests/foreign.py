@@ -28,15 +28,15 @@ from typing import Any
 import first_hour
 import foreign_logs
 
+from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.code_mutation.cpp_station import (
     SECONDS,
     SOURCE,
-    CppMutant,
     build,
     build_mutant,
     missing,
-    mutants,
 )
+from automcm_maintenance.code_mutation.faults import Fault
 
 Json = Any
 GO = SOURCE.with_name("go")
@@ -207,17 +207,17 @@ def fitting(report: Json, rules: Sequence[str]) -> tuple[str, str]:
     return "", ""
 
 
-def check_mutant(mutant: CppMutant, folder: Path) -> Row:
+def check_mutant(mutant: Fault, folder: Path) -> Row:
     """The suite finds the mistake: first the cases of its rules alone, then all."""
     row = Row(mutant.name)
     with judged(row):
         station = build_mutant(mutant, folder)
-        for selectors in (mutant.rules, ()):
+        for selectors in (mutant.notice["rules"], ()):
             code, report = conform(station, folder / mutant.name / "report", selectors)
             if report is None:
                 row.failed = "no report"
                 break
-            row.case, row.rule = fitting(report, mutant.rules)
+            row.case, row.rule = fitting(report, mutant.notice["rules"])
             row.verdict = "FAIL" if report["counts"]["FAIL"] else "PASS"
             row.failed = "" if row.rule and code == 1 else f"exit code {code}, no fitting FAIL"
             if not row.failed:
@@ -244,9 +244,10 @@ def main() -> int:
     parser.add_argument("--station-only", action="store_true", help="no mutants")
     parser.add_argument("--mutant", action="append", metavar="NAME", help="this mutant alone")
     options = parser.parse_args()
-    chosen = [m for m in mutants() if options.mutant is None or m.name in options.mutant]
+    mutants = faults.load("cpp").values()
+    chosen = [m for m in mutants if options.mutant is None or m.name in options.mutant]
     if options.mutant is not None and len(chosen) != len(set(options.mutant)):
-        parser.error(f"--mutant must be one of {', '.join(m.name for m in mutants())}")
+        parser.error(f"--mutant must be one of {', '.join(m.name for m in mutants)}")
     chosen = [] if options.station_only else chosen
     stations = () if options.mutant else STATIONS
     lacking = missing() if chosen else ""

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel
+from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.code_mutation.cpp_station import (
     SECONDS,
     SOURCE,
-    CppMutant,
     build_mutant,
-    mutants,
 )
+from automcm_maintenance.code_mutation.faults import Fault
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 
@@ -39,9 +39,9 @@ RESTART = SOURCE.parents[2] / "traces/corpus/behaviours/restarts/005-1001.ndjson
 """Of the corpus: a station restarts while its timers run."""
 
 
-def unchanged() -> CppMutant:
+def unchanged() -> Fault:
     """The station as it is."""
-    return CppMutant("unchanged", "", (), ())
+    return Fault("unchanged", ())
 
 
 def check_logs(folder: Path) -> str:
@@ -60,7 +60,7 @@ def check_mutant_log(folder: Path) -> tuple[str, str]:
 
     Raises CalledProcessError and OSError.
     """
-    (mutant,) = (m for m in mutants() if m.name == MUTANT)
+    mutant = faults.load("cpp")[MUTANT]
     logs = driven(build_mutant(mutant, folder), [ITS_CASE], folder / "cases", code=1)
     diverging = [log for log in explained(logs) if log["verdict"] == "diverges"]
     rules = {log["rule"] for log in diverging}

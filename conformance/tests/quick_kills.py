@@ -5,7 +5,7 @@
 Makes faults, one at a time, in a copy of the repository:
 
 source  small changes of the packages' source (``source_edits``);
-seeded  the bugs of ``reference/tests/seeded_bugs.py``, all of which a slow test finds;
+seeded  the bugs of the catalogue ``seeded``, all of which a slow test finds;
 spec    mutants of Station.tla (``automcm spec mutate``), compiled into station.py.
 
 Quick tests run first: of the files that import the module, then of those that import one of its
@@ -34,9 +34,7 @@ from shutil import copytree
 
 from copied_tree import FOLDERS, ROOT, copied
 
-sys.path.append(str(ROOT / "reference/tests"))
-from seeded_bugs import BUGS
-
+from automcm_maintenance.code_mutation import faults as fault_catalogue
 from automcm_maintenance.code_mutation.source_mutants import SourceMutant, hash_of, of_file
 from automcm_maintenance.compilation import compiler, sany
 from automcm_maintenance.documents.repository import SOURCES
@@ -50,10 +48,17 @@ LIMIT_S = 300
 FEW = 8
 """Test files that are not worth a second process."""
 PASSED, NO_TESTS = 0, 5
-RULES = ROOT / "reference/automcm/core/rules.py"
 FRESH = (
     "spec/tests/compilation/test_compiler.py::test_the_committed_station_is_what_would_be_generated"
 )
+CATALOGUES = (
+    "conformance/tests/code_mutation/test_faults.py",
+    "conformance/tests/vectors/test_vectors_bugs.py::test_every_vector_catches_the_bug_it_names",
+    "reference/tests/journeys/test_stateful.py::test_a_seeded_bug_is_found_and_shortened",
+    "reference/tests/kernels/test_trajectory_mutants.py",
+    "reference/tests/security/test_security_mutants.py",
+)
+"""Tests that put faults into the repository itself, not into the copy."""
 TIME = "time"
 
 
@@ -105,12 +110,10 @@ def imported(file: Path) -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One module with other contents; with ``bug``, a seeded bug and the module as it is."""
+    """Modules with other contents; tests are chosen for the first of them."""
 
     name: str
-    path: Path
-    source: str
-    bug: str = ""
+    texts: dict[Path, str]
 
 
 def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
@@ -122,10 +125,11 @@ def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
     if kind == "source":
         for path, mutant in drawn(modules(only), order):
             name = f"{mutant.file}:{mutant.line} {mutant.old}  =>  {mutant.new}"
-            yield Fault(name, path, mutant.source)
+            yield Fault(name, {path: mutant.source})
     elif kind == "seeded":
-        for bug in sorted(BUGS, key=order):
-            yield Fault(bug, RULES, RULES.read_text(encoding="utf-8"), bug)
+        bugs = fault_catalogue.load("seeded")
+        for name in sorted(bugs, key=order):
+            yield Fault(name, bugs[name].texts())
     else:
         for edit in sorted(mutants.generate(modules=["Station"]), key=lambda m: order(m.id)):
             with tempfile.TemporaryDirectory() as folder:
@@ -138,13 +142,7 @@ def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
                     print(f"left out, does not compile: {edit.id}: {error}", flush=True)
                     continue
             if source != compiler.PATH.read_text(encoding="utf-8"):
-                yield Fault(f"{edit.id} {edit.change}", compiler.PATH, source)
-
-
-def replace(target: Path, source: str) -> None:
-    """Write a module; its compiled file may have the same second and size."""
-    target.write_text(source, encoding="utf-8")
-    Path(cache_from_source(str(target))).unlink(missing_ok=True)
+                yield Fault(f"{edit.id} {edit.change}", {compiler.PATH: source})
 
 
 class Suite:
@@ -157,12 +155,19 @@ class Suite:
             for f in FOLDERS
             for path in sorted((ROOT / f / "tests").rglob("test_*.py"))
         ]
-        self.left_out = [FRESH]
+        self.left_out = [FRESH, *CATALOGUES]
         """Tests that fail without a fault, and the one that compares station.py as a text."""
         self.sound: set[str] = set()
         """Tests that pass without a fault."""
 
-    def failure(self, files: Sequence[Path], marked: str, bug: str, *options: str) -> str:
+    def replace(self, texts: dict[Path, str]) -> None:
+        """Write modules; a compiled file may have the same second and size."""
+        for path, text in texts.items():
+            target = self.root / path.relative_to(ROOT)
+            target.write_text(text, encoding="utf-8")
+            Path(cache_from_source(str(target))).unlink(missing_ok=True)
+
+    def failure(self, files: Sequence[Path], marked: str, *options: str) -> str:
         """The first test that fails; empty if none does."""
         if not files:
             return ""
@@ -173,13 +178,10 @@ class Suite:
         paths = [self.root / folder for folder in FOLDERS]
         if marked == QUICK:
             words.append("--hypothesis-profile=quick")
-        if bug:
-            words += ["-p", "seeded_plugin"]
-            paths.append(self.root / "reference/tests")
         process = subprocess.Popen(
             [sys.executable, *words, *map(str, files)],
             cwd=self.root,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "SEEDED_BUG": bug},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -201,7 +203,7 @@ class Suite:
 
         ``known``: something else than the quick set finds it.
         """
-        path = fault.path
+        path = next(iter(fault.texts))
         users = {path.stem, *(each.stem for each in modules("") if path.stem in imported(each))}
         direct = [
             file
@@ -225,20 +227,16 @@ class Suite:
 
     def killer(self, fault: Fault, files: Sequence[Path], marked: str) -> str:
         """The first of these tests that fails with the fault, and without it does not."""
-        target = self.root / fault.path.relative_to(ROOT)
-        right = target.read_text(encoding="utf-8")
         while True:
-            replace(target, fault.source)
+            self.replace(fault.texts)
             try:
-                test = self.failure(files, marked, fault.bug)
+                test = self.failure(files, marked)
             finally:
-                replace(target, right)
+                self.replace({path: path.read_text(encoding="utf-8") for path in fault.texts})
             file = Path(test.partition("::")[0])
             if file not in self.files or test in self.sound:
                 return test
-            if not self.failure(
-                [file], "not deep", "", f"-k={test.partition('::')[2].split('[')[0]}"
-            ):
+            if not self.failure([file], "not deep", f"-k={test.partition('::')[2].split('[')[0]}"):
                 self.sound.add(test)
                 return test
             print(f"left out, fails without a fault: {test}", flush=True)

@@ -2,8 +2,8 @@
 
     python conformance/tests/secured_vectors.py
 
-The expected verdict stands beside each vector; no verifier computes it.  ``secured_bugs`` has the
-bugs as edits of the reference.
+The expected verdict stands beside each vector; no verifier computes it.  The bugs are edits of the
+reference (conformance/fault_catalogue/vectors.toml).
 """
 
 from __future__ import annotations

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 from stateful_odd import odd_messages
 from stateful_oracle import ALL, IDS, Coverage, Setup, setup
-from stateful_world import Rules, World
+from stateful_world import World
 
-from automcm.core.rules import RULES
 from automcm_spec.vocabulary.messages import encode
 
 T = TypeVar("T")
@@ -54,7 +53,6 @@ class Surroundings(RuleBasedStateMachine):
     while hypothesis shrinks.
     """
 
-    rules_: ClassVar[Rules] = RULES
     checks: ClassVar[frozenset[str]] = ALL
     coverage: ClassVar[Coverage] = Coverage()
     last: ClassVar[list[Call]] = []
@@ -67,7 +65,7 @@ class Surroundings(RuleBasedStateMachine):
         self.world = self._world(setup(3, 3, 12, 20, 12))
 
     def _world(self, setup: Setup) -> World:
-        return World(setup, rules=self.rules_, checks=self.checks, coverage=self.coverage)
+        return World(setup, checks=self.checks, coverage=self.coverage)
 
     def begin(self, name: str, drawn: dict[str, Any]) -> None:
         self.calls.append((name, drawn))

@@ -31,7 +31,7 @@ LINES = 10
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", CASES)
 def test_the_first_entry_names_the_rule_and_the_cause(conform: Suite, bug: str) -> None:
-    rule, operator, says = CAUSES[bug]
+    rule, operator, says = CAUSES[bug].values()
     found = conform(broken(bug), *CASES[bug])
     first = found.causes[0]
     shown = first.shown

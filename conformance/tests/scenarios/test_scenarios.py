@@ -8,7 +8,7 @@ from typing import Any
 
 import cli_stage
 import pytest
-from broken_stations import BREAKS, broken
+from broken_stations import BREAKS, REFERENCE, broken
 
 from automcm_conformance.adapter.protocol import HelloAnswer
 from automcm_conformance.exchange.transcript import answerable, finding
@@ -46,7 +46,6 @@ HELLO = HelloAnswer(
     scenarios=["lane_change"],
     fixed={},
 )
-REFERENCE = broken()
 
 
 def run(
@@ -82,7 +81,7 @@ def test_the_command_passes(tmp_path: Path) -> None:
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", BREAKS)
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
-    scenario, rule = BREAKS[name]
+    scenario, rule = BREAKS[name].values()
     outcome = run(scenario, broken(name), tmp_path)
     found = outcome.finding
     assert (outcome.verdict, found.rule) == ("FAIL", rule), outcome
@@ -93,7 +92,7 @@ def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
 
 
 def test_each_scenario_is_seen_to_fail() -> None:
-    assert {scenario for scenario, _ in BREAKS.values()} == set(NAMES)
+    assert {notice["scenario"] for notice in BREAKS.values()} == set(NAMES)
 
 
 def test_a_crash_on_the_way_is_an_error(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def whole(command: list[str], folder: Path) -> Report:
 
 @pytest.mark.parametrize("bug", CAUSES)
 def test_the_first_entry_is_the_bug(bug: str, tmp_path: Path) -> None:
-    rule, operator, says = CAUSES[bug]
+    rule, operator, says = CAUSES[bug].values()
     found = whole(broken(bug), tmp_path)
     first = found.causes[0]
     shown = first.shown

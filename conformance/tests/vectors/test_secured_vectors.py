@@ -1,4 +1,4 @@
-"""The vectors for signed messages: as made, checked with openssl, and each catches its bug."""
+"""The vectors for signed messages: as made, checked with openssl."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ import cose_maker
 import pytest
 from cose_maker import cbor, compressed
 from cryptography.hazmat.primitives.asymmetric import ec
-from secured_bugs import EDITS, put
 from secured_maker import (
     AUTHORITY,
     DAY,
@@ -40,7 +39,6 @@ from automcm_conformance.vectors.vector_validation import Verdict
 
 FILES = {name: json.loads((VECTORS / f"{name}.json").read_text()) for name in vectors.SECURED}
 CASES = {case.id: case for name in FILES for case in vectors.load(VECTORS / f"{name}.json")}
-BUGS = {vector["id"]: vector["bug"] for file in FILES.values() for vector in file["vectors"]}
 
 
 @pytest.mark.parametrize("name", vectors.SECURED)
@@ -57,10 +55,8 @@ def test_the_maker_shares_no_code_with_the_reference() -> None:
         assert imports and not any("automcm" in line or "cbor2" in line for line in imports)
 
 
-def test_there_are_enough_and_no_bug_is_left_without_a_vector() -> None:
+def test_there_are_enough() -> None:
     assert len(FILES["envelope"]["vectors"]) >= 25
-    for name, file in FILES.items():
-        assert set(EDITS[name]) == {vector["bug"] for vector in file["vectors"]}
 
 
 def test_each_verdict_is_expected_somewhere_and_each_reason_is_a_verdict() -> None:
@@ -69,15 +65,6 @@ def test_each_verdict_is_expected_somewhere_and_each_reason_is_a_verdict() -> No
     assert {verdict for each in expected for verdict in each["verdicts"]} == verdicts
     others = {"accepted", "waiting", "list_taken", "list_ignored"}
     assert verdicts - others == {*Rejection} - {Rejection.TOO_LONG, Rejection.OVER_BUDGET}
-
-
-@pytest.mark.parametrize("id_", CASES)
-def test_every_vector_catches_the_bug_it_names(id_: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    case = CASES[id_]
-    for (where, name), function in put(EDITS[case.kernel][BUGS[id_]]).items():
-        monkeypatch.setattr(where, name, function)
-    [result] = vectors.check(vector_adapter.call, [case])
-    assert not result.ok
 
 
 def test_the_reference_writes_the_same_bytes() -> None:

@@ -15,13 +15,15 @@ import mpmath
 import pytest
 import shapely
 from typer.testing import CliRunner
-from vector_bugs import CASES, SUCCESS, mutated
 
 from automcm_cli.reference import vector_adapter
 from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.vectors import vectors
+from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.exact_vectors import exact_kernels, vector_texts
+
+CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 
 
 @pytest.mark.slow
@@ -107,7 +109,7 @@ def test_closest_against_a_fine_grid() -> None:
 
 
 def written(folder: Path, change: Callable[[Any], object]) -> Path:
-    file = json.loads(SUCCESS)
+    file = json.loads((VECTORS / "success.json").read_text())
     change(file)
     path = folder / "success.json"
     path.write_text(json.dumps(file))
@@ -254,7 +256,12 @@ def test_the_command_takes_one_kernel() -> None:
 
 
 def test_the_command_shows_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vector_adapter, "call", mutated("success", "no-first-sending"))
+    monkeypatch.setattr(vector_adapter, "call", exact_kernels.call)
+    with faults.put(faults.load("vectors")["success/no-first-sending"]):
+        _shows_what_fails()
+
+
+def _shows_what_fails() -> None:
     answer = run.invoke(command.app, ["check", "--kernel", "success"])
     assert answer.exit_code == 1
     case = of("success-once")

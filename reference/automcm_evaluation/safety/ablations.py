@@ -13,9 +13,10 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from automcm.core.actuating import newer
+from automcm.core.actuating import cam_counts, newer
 from automcm.core.advertising import answer_closed
-from automcm.core.ending import ACK, FIRST
+from automcm.core.ending import ACK, FIRST, drop
+from automcm.core.negotiating import agreed, not_yet_sent, untaken
 from automcm.core.outcome import (
     Me,
     Outcome,
@@ -23,12 +24,14 @@ from automcm.core.outcome import (
     Row,
     Rules,
     ack,
+    acked,
+    foreign,
     ignore,
     leave,
     leave_with,
     own,
 )
-from automcm.core.rules import RULES
+from automcm.core.rules import RULES, entry_of
 from automcm.core.state import State, Timer
 from automcm.service.service import McService
 from automcm_maintenance.verify.spec_mapping import without
@@ -76,26 +79,35 @@ class Ablation:
         return partial(McService, rules=self.rules, marks=self.marks)
 
 
+def _row(kind: str, rule: str, of: When | Then | None = None, rules: Rules = RULES) -> Row[Any]:
+    """The row of a rule for inputs of this kind; if there are several, the one with this function.
+
+    Raises LookupError unless there is exactly one.
+    """
+    found = [row for row in rules[kind] if row.rule == rule and of in (None, row.when, row.then)]
+    if len(found) != 1:
+        raise LookupError(f"{kind}: {len(found)} rows of {rule}, not one")
+    return found[0]
+
+
 def changed(
-    kind: str, n: int, *, when: When | None = None, then: Then | None = None, rules: Rules = RULES
+    kind: str,
+    rule: str,
+    *,
+    of: When | Then | None = None,
+    when: When | None = None,
+    then: Then | None = None,
+    rules: Rules = RULES,
 ) -> Rules:
-    """The rules with another row ``n`` for inputs of this kind; phases.py need not allow it."""
-    rows = list(rules[kind])
-    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then, declared=False)
-    return {**rules, kind: tuple(rows)}
+    """The rules with another row in place of ``_row``; phases.py need not allow what it does."""
+    old = _row(kind, rule, of, rules)
+    new = Row(rule, when or old.when, then or old.then, declared=False)
+    return {**rules, kind: tuple(new if row is old else row for row in rules[kind])}
 
 
 def never(me: Me, st: State, i: Any) -> bool:
     """The guard of a disabled row."""
     return False
-
-
-def _ignored(*rows: tuple[str, int]) -> Rules:
-    """Give these rows no effect."""
-    rules = RULES
-    for kind, n in rows:
-        rules = changed(kind, n, then=ignore, rules=rules)
-    return rules
 
 
 # -- replacement rows
@@ -113,15 +125,16 @@ def silent(me: Me, st: State, i: Any) -> Outcome:
 
 def lease_anew(me: Me, st: State, i: Any) -> Outcome:
     """NEG-6 with a restart of ACT-4's lease."""
-    outcome = RULES["receive Acceptance"][6].then(me, st, i)
+    outcome = agreed(me, st, i)
     return outcome._replace(again=(*outcome.again, Timer("lease")))
 
 
-def free_at_once(kind: str, n: int) -> Then:
+def free_at_once(kind: str, rule: str) -> Then:
     """Against ACT-6: the row without its quarantine."""
+    usual = _row(kind, rule).then
 
     def then(me: Me, st: State, i: Any) -> Outcome:
-        outcome = RULES[kind][n].then(me, st, i)
+        outcome: Outcome = usual(me, st, i)
         return outcome._replace(state=outcome.state._replace(quarantine=st.quarantine))
 
     return then
@@ -129,7 +142,7 @@ def free_at_once(kind: str, n: int) -> Then:
 
 def _no_break_off() -> Rules:
     rules = RULES
-    for row in (("command abort", 2), ("expire cam", 0), ("expire lease", 0)):
+    for row in (("command abort", "END-1"), ("expire cam", "ACT-2"), ("expire lease", "ACT-4")):
         rules = changed(*row, then=free_at_once(*row), rules=rules)
     return rules
 
@@ -138,7 +151,7 @@ def abandon(me: Me, st: State, i: Any) -> Outcome:
     """Against NEG-9: no Ack of the Acceptance, no commitment."""
     if st.phase == "ACTUATING":
         return Outcome(leave(st), indication=Fallback(session=own(st), reason="timeout"))
-    return RULES["expire giveup"][2].then(me, st, i)
+    return drop(st, entry_of(st, i.timer), None)
 
 
 def take_over(me: Me, st: State, i: Any) -> Outcome:
@@ -174,8 +187,8 @@ def intend_again(me: Me, st: State, i: Received[Advertisement]) -> Outcome:
 
 
 def _no_busy_refusal() -> Rules:
-    rules = changed("receive Prescription", 2, then=take_over)
-    return changed("receive Advertisement", 2, then=intend_again, rules=rules)
+    rules = changed("receive Prescription", "NEG-4", then=take_over)
+    return changed("receive Advertisement", "ADV-4", then=intend_again, rules=rules)
 
 
 def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
@@ -213,30 +226,34 @@ def always_closed(me: Me, st: State, i: Any) -> Outcome:
 
 
 def _closed() -> Rules:
-    rules = changed("receive Intention", 2, then=always_closed)
-    return changed("receive Acceptance", 2, then=always_closed, rules=rules)
+    rules = changed("receive Intention", "ADV-5", of=foreign, then=always_closed)
+    return changed("receive Acceptance", "NEG-6", of=answer_closed, then=always_closed, rules=rules)
 
 
 def _no_proposal_number() -> Rules:
     """NEG-6 and END-5 without the check of an Acceptance's proposal."""
-    rules = changed("receive Acceptance", 4, when=lambda me, st, i: i.message.src != st.target)
+    rules = changed(
+        "receive Acceptance",
+        "END-5",
+        of=not_yet_sent,
+        when=lambda me, st, i: i.message.src != st.target,
+    )
     return changed(
-        "receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules
+        "receive Acceptance",
+        "NEG-6",
+        of=untaken,
+        when=lambda me, st, i: not st.awaits_answer,
+        rules=rules,
     )
 
 
-COPIES = (
-    ("receive Intention", 3),
-    ("receive Intention", 7),
-    ("receive Prescription", 4),
-    ("receive Acceptance", 3),
-    ("receive Acceptance", 5),
-    ("receive Fin", 3),
-    ("receive Cancel", 2),
-    ("receive Cancel", 3),
-    ("receive Cancel", 8),
-)
-"""The rows whose only effect is an Ack."""
+def _copies_ignored() -> Rules:
+    """Without effect: the rows whose only effect is an Ack."""
+    return {
+        kind: tuple(row._replace(then=ignore) if row.then is acked else row for row in rows)
+        for kind, rows in RULES.items()
+    }
+
 
 WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away")
 ABLATIONS = (
@@ -246,7 +263,7 @@ ABLATIONS = (
         "L-3",
         "no_cam_loss_fallback",
         "a station goes on although it hears no CAM",
-        _ignored(("expire cam", 0)),
+        changed("expire cam", "ACT-2", then=ignore),
     ),
     Ablation(
         "silent CAM-loss fallback",
@@ -254,7 +271,7 @@ ABLATIONS = (
         "T-2",
         "silent_cam_loss",
         "a station that hears no CAM leaves without a Cancel",
-        changed("expire cam", 0, then=silent),
+        changed("expire cam", "ACT-2", then=silent),
         unseen="hazards stay within B; the fault classes above show the cost",
     ),
     Ablation(
@@ -263,7 +280,7 @@ ABLATIONS = (
         "T-2",
         "plain_cams",
         "a CAM counts without the mark of the session",
-        changed("receive CAM", 0, when=any_cam),
+        changed("receive CAM", "ACT-5", of=cam_counts, when=any_cam),
     ),
     Ablation(
         "mark dropped with the Fin",
@@ -280,7 +297,7 @@ ABLATIONS = (
         "L-1",
         "no_lease",
         "nothing ends when its lease does",
-        _ignored(("expire lease", 0)),
+        changed("expire lease", "ACT-4", then=ignore),
         unseen="visible only with a prescriber that never ends its maneuver",
     ),
     Ablation(
@@ -289,7 +306,7 @@ ABLATIONS = (
         "T-4",
         "lease_from_acceptance",
         "the prescriber counts its lease from hearing the Acceptance",
-        changed("receive Acceptance", 6, then=lease_anew),
+        changed("receive Acceptance", "NEG-6", of=agreed, then=lease_anew),
         unseen="visible only if a lease ends before the maneuver",
     ),
     Ablation(
@@ -307,7 +324,7 @@ ABLATIONS = (
         "S-5",
         "abandoned_acceptance",
         "a receiver whose Acceptance is not acknowledged in time lets go",
-        changed("expire giveup", 2, then=abandon),
+        changed("expire giveup", "NEG-9", then=abandon),
         unseen="visible only if every Ack of an Acceptance is lost while CAMs pass",
     ),
     Ablation(
@@ -324,7 +341,7 @@ ABLATIONS = (
         "L-2",
         "no_re_ack",
         "a message that changes nothing is not acknowledged",
-        _ignored(*COPIES),
+        _copies_ignored(),
         unseen="an Acceptance also ends a Prescription; other give-ups change no phase",
     ),
     Ablation(
@@ -360,7 +377,7 @@ ABLATIONS = (
         "S-6",
         "rejoin",
         "a receiver that has left a session may join it again",
-        changed("receive Advertisement", 4, when=never),
+        changed("receive Advertisement", "ADV-8", when=never),
         unseen="visible only if a receiver joins twice in the window, with an old copy between",
     ),
     Ablation(
@@ -369,7 +386,7 @@ ABLATIONS = (
         "S-4",
         "no_quarantine",
         "a station that has restarted joins at once",
-        changed("receive Advertisement", 3, when=never),
+        changed("receive Advertisement", "END-8", when=never),
         unseen="visible only with a restart within the window and a late copy from before it",
     ),
     Ablation(
@@ -396,7 +413,7 @@ ABLATIONS = (
         "L-1",
         "no_hold",
         "a receiver waits for ever",
-        _ignored(("expire hold", 0)),
+        changed("expire hold", "ADV-7", then=ignore),
         unseen="visible only if every Cancel to a waiting receiver is lost",
     ),
 )

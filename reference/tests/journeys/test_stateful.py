@@ -6,7 +6,7 @@ import re
 
 import pytest
 import stateful
-from seeded_bugs import BUGS, Bug, hunt
+from seeded_bugs import BUGS, hunt
 from stateful import Coordination, profile, repeated, run
 from stateful_oracle import PROPERTIES, Coverage
 
@@ -51,18 +51,18 @@ SLOW = ("the mark goes before the Fin is acknowledged",)
     "name",
     [
         pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW))
-        for b in sorted(BUGS, key=lambda b: BUGS[b].steps)
+        for b in sorted(BUGS, key=lambda b: BUGS[b].notice["steps"])
     ],
 )
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
-    """``python reference/tests/seeded_bugs.py`` tells what to write into the table if a change of
+    """``python reference/tests/seeded_bugs.py`` tells what to write into seeded.toml if a change of
     the machine changes what a seed draws."""
-    bug: Bug = BUGS[name]
-    what, calls = hunt(bug, bug.seed)
+    notice = BUGS[name].notice
+    what, calls = hunt(BUGS[name], notice["seed"])
     print(stateful.told(calls))
-    assert (what, len(calls) - 1) == (bug.what, bug.steps)
+    assert (what, len(calls) - 1) == (notice["what"], notice["steps"])
     assert repeated(Coordination, calls) == ""  # without the bug nothing breaks
 
 
 def test_each_property_finds_a_bug() -> None:
-    assert {bug.what for bug in BUGS.values()} >= set(PROPERTIES)
+    assert {bug.notice["what"] for bug in BUGS.values()} >= set(PROPERTIES)

@@ -28,13 +28,14 @@ from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.suite import purposes
 from automcm_conformance.suite.suite_run import Graphs
-from automcm_maintenance.code_mutation import cpp_station, equivalence, suite_kills
+from automcm_maintenance.code_mutation import cpp_station, equivalence, faults, suite_kills
 from automcm_maintenance.code_mutation.equivalence import (
     WALKS,
     Difference,
     EquivalenceError,
     FirstDifference,
 )
+from automcm_maintenance.code_mutation.faults import Fault
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_mutants import (
     REFERENCE,
@@ -250,14 +251,14 @@ def _explain(row: MutantRow, job: _Job, source: Path) -> None:
         row.difference = equivalence.shown(job.mutant, source, job.found)
 
 
-def _work_cpp(job: tuple[cpp_station.CppMutant, CertificateRun]) -> tuple[str, Kills | None, str]:
+def _work_cpp(job: tuple[Fault, CertificateRun]) -> tuple[str, Kills | None, str]:
     """Hold the suite against a mutant of the C++ station: its name, what kills it (None: it could
     not be built), and an error."""
     mutant, asked = job
     with scratch.folder("certify") as folder:
         try:
             station = cpp_station.build_mutant(mutant, folder)
-            return mutant.name, killed([str(station)], asked, folder, mutant.rules), ""
+            return mutant.name, killed([str(station)], asked, folder, mutant.notice["rules"]), ""
         except (SubprocessError, OSError) as error:
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
@@ -326,7 +327,7 @@ def run(
 def run_cpp(asked: CertificateRun, notify: Notify) -> tuple[list[MutantRow], list[str]]:
     """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
     files.folder(asked.folder, named=True)
-    kept, mutants = _Kept(asked), cpp_station.mutants()
+    kept, mutants = _Kept(asked), list(faults.load("cpp").values())
     rows: dict[str, MutantRow] = {}
     left = []
     problems: list[str] = []
@@ -334,9 +335,11 @@ def run_cpp(asked: CertificateRun, notify: Notify) -> tuple[list[MutantRow], lis
     sources = "".join(path.read_text(encoding="utf-8") for path in texts)
     header = (cpp_station.SOURCE / "station.hpp").read_text(encoding="utf-8")
     for m in mutants:
-        line = header[: header.index(m.edits[0][0])].count("\n") + 1
+        line = header[: header.index(m.edits[0].old)].count("\n") + 1
         file = "conformance/implementations/cpp/station.hpp"
-        row = MutantRow(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
+        row = MutantRow(
+            f"cpp/{m.name}", "station", file, line, m.notice["rules"][0], m.story, "", "cpp"
+        )
         known = kept.row(row.id, f"{sources}{m.edits}")
         rows[row.id] = known if known is not None and known.decided else row
         left += [(m, asked)] if rows[row.id] is row else []

@@ -17,16 +17,13 @@ The states of the special graph `forms` are messages; its inputs are their edge 
 from __future__ import annotations
 
 import gc
-import importlib.abc
-import importlib.machinery
-import importlib.util
 import json
 import resource
 import signal
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
+
+from automcm_maintenance.code_mutation.faults import Hook
 
 GRAMMAR = ("messages", "parameters")
 """The modules that are not in the reference's package; the forms of messages use only these."""
@@ -39,24 +36,6 @@ ANSWER_CPU_S = 0.5
 """That for one answer to the suite; the reference takes some milliseconds."""
 
 
-class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
-    """Imports one module from another source."""
-
-    def __init__(self, name: str, file: Path) -> None:
-        self.name, self.file = name, file
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        return importlib.util.spec_from_loader(name, self) if name == self.name else None
-
-    def get_source(self, name: str) -> str:
-        return self.file.read_text(encoding="utf-8")
-
-    def is_package(self, name: str) -> bool:
-        return False
-
-
 def full_name(module: str) -> str:
     """The name with its package."""
     package = "automcm_spec.vocabulary" if module in GRAMMAR else "automcm.core"
@@ -67,10 +46,9 @@ def replace(module: str, file: str) -> None:
     """Replace a module by a file.  No module of the reference may have been imported before."""
     if file == "-":
         return
-    name = full_name(module)
-    if name in sys.modules or any(name.startswith("automcm.") for name in sys.modules):
+    if any(name.startswith("automcm.") for name in sys.modules):
         raise RuntimeError("the reference must not be imported before its module is replaced")
-    sys.meta_path.insert(0, _Replaced(name, Path(file)))
+    Hook.put({full_name(module): Path(file).read_text(encoding="utf-8")})
 
 
 def limited(cpu_s: int) -> None:
