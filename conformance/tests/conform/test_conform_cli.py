@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from automcm.adapters.adapter_lines import HELLO
 from automcm_conformance.exchange.results import CaseResult, Implementation, Report, Verdict
 from automcm_conformance.report import report
 from automcm_conformance.suite import suite_run
+from automcm_traces.explain.explain import verdicts_of
 
 Json = Any
 CASE = "AMCM/STA/END/BI-19"
@@ -78,6 +78,8 @@ def test_a_run_that_passes(good: Done) -> None:
     assert found["implementation"]["command"] == REFERENCE
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", found["started"])
     assert report.load(good.folder / "report.json").counts["PASS"] == 2
+    logs = [good.folder / case["log"] for case in found["cases"]]
+    assert {verdict.verdict for verdict in verdicts_of(logs)} == {"allowed"}
     assert {path.name for path in good.folder.iterdir()} == {
         *("report.json", "report.html", "junit.xml", "logs")
     }
@@ -111,33 +113,11 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
     assert f'<a href="{failed["page"]}">' in (bad.folder / "report.html").read_text()
 
 
-def test_logs_are_told_by_trace_explain(good: Done) -> None:
-    logs = [str(good.folder / case["log"]) for case in good.report["cases"]]
-    for log in logs:
-        answer = automcm("trace", "explain", log)
-        assert answer.exit_code == 0, answer.output
-
-
-def piped(folder: Path, target: str | Path, command: list[str]) -> subprocess.CompletedProcess[str]:
-    """A run as a process, with its report as JSON into ``target`` too."""
-    options = ["--json", target, "--out", folder / "r"]
-    return automcm_process("conform", "run", CASE, *options, "--", *command)
-
-
 def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
-    done = piped(tmp_path, "-", REFERENCE)
-    assert done.returncode == 0 and done.stderr == ""
+    options = ["--json", "-", "--out", tmp_path / "r"]
+    done = automcm_process("conform", "run", CASE, *options, "--", *CARELESS)
+    assert done.returncode == 1 and done.stderr == ""
     assert json.loads(done.stdout) == json.loads((tmp_path / "r" / "report.json").read_text())
-
-
-@pytest.mark.slow
-def test_json_into_a_file_and_no_colours_in_a_pipe(tmp_path: Path) -> None:
-    file = tmp_path / "also.json"
-    done = piped(tmp_path, file, CARELESS)
-    assert done.returncode == 1
-    assert json.loads(file.read_text()) == json.loads((tmp_path / "r" / "report.json").read_text())
-    assert "\x1b" not in done.stdout + done.stderr and CASE in done.stdout
-    assert max(map(len, done.stdout.splitlines())) < 100 + len(str(tmp_path)) + len(str(CARELESS))
 
 
 def test_json_that_cannot_be_written_is_3_and_the_report_is_there(tmp_path: Path) -> None:
@@ -187,15 +167,11 @@ def test_usage_errors_are_2(arguments: list[str], says: str) -> None:
     assert says in " ".join(answer.output.split())
 
 
-@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("command", "says"),
     [
         (["/no/such/adapter"], "/no/such/adapter cannot be started"),
         ([sys.executable, "-c", "import sys; sys.exit('no station here')"], "exit code 1"),
-        ([sys.executable, "-c", "input(); print('hello')"], "not JSON"),
-        ([sys.executable, "-c", 'input(); print(\'{"error": "version 2"}\')'], "version 2"),
-        ([sys.executable, "-c", "input(); print('{}')"], "is missing"),
     ],
 )
 def test_no_hello_is_3(tmp_path: Path, command: list[str], says: str) -> None:
@@ -234,29 +210,18 @@ def test_a_bad_file_of_expectations_is_3(tmp_path: Path, text: str | None) -> No
     assert not (tmp_path / "r").exists()
 
 
-@pytest.mark.parametrize(
-    ("verdicts", "code"),
-    [
-        (["PASS", "SKIP"], 0),
-        (["PASS", "INCONC"], 4),
-        (["ERROR", "INCONC"], 3),
-        (["FAIL", "ERROR", "INCONC"], 1),
-    ],
-)
 def test_the_exit_code_is_that_of_the_report(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verdicts: list[Verdict], code: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = "text"
+    verdicts: list[Verdict] = ["PASS", "INCONC"]
     cases = [
-        CaseResult(
-            f"AMCM/STA/END/BI-0{n}", verdict, ["END-5"], "MUST", text, text, text, text, text
-        )
+        CaseResult(f"AMCM/STA/END/BI-0{n}", verdict, ["END-5"], "MUST", *["text"] * 5)
         for n, verdict in enumerate(verdicts, 1)
     ]
     who = Implementation("x", "1", "", [], ["lane_change"], {}, REFERENCE)
     made = Report(who, cases, {"rules": [1, 1]}, {}, "0" * 64, 1, [])
     monkeypatch.setattr(suite_run, "conform", lambda *_, **__: replace(made))
-    assert conform(tmp_path, CASE).code == code
+    assert conform(tmp_path, CASE).code == made.exit_code == 4
 
 
 # -- list
@@ -296,85 +261,45 @@ def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}
 
 
-@pytest.mark.sweep(1)
-@pytest.mark.parametrize(
-    ("does", "what", "stderr"),
-    [
-        ("print('no room', file=sys.stderr); sys.exit(7)", "exit code 7", "stderr no room"),
-        ("print('got it')", "did you mean to write it to standard error?", ""),
-        ("print('got it', flush=True)", "did you mean to write it to standard error?", ""),
-    ],
-)
-def test_a_replay_that_breaks_shows_what_led_to_it(
-    bad: Done, does: str, what: str, stderr: str
-) -> None:
+def test_a_replay_that_breaks_shows_what_led_to_it(bad: Done) -> None:
     (file,) = (bad.folder / "replay").iterdir()
-    odd = f"if 'unknown' in line: {does}"
+    odd = "if 'unknown' in line: print('no room', file=sys.stderr); sys.exit(7)"
     broken = [*CARELESS[:2], CARELESS[2].replace("command.get(", f"{odd}\n    command.get(")]
     answer = automcm("conform", "replay", file, "--", *broken)
     assert answer.exit_code == 3
     lines = answer.output.split(f"ERROR {CASE}  END-5: ")[0].splitlines()
     assert "reset: a new station" in lines[0] and "kit      receive" in "".join(lines[-2:])
     said = " ".join(answer.output.split())
-    assert what in said and stderr in said
+    assert "exit code 7" in said and "stderr no room" in said
     data = automcm("conform", "replay", file, "--json", "-", "--", *broken)
     assert data.exit_code == 3 and json.loads(data.stdout)["verdict"] == "ERROR"
 
 
-REPLAY = {"format": "automcm.replay/1", "case": "x", "rule": "END-5", "what": "w", "steps": []}
-STEP = {"now": 1, "line": {"cmd": "stop"}, "expected": {}}
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (None, "No such file"),
-        ("[", "not JSON"),
-        ("[]", "not a JSON object"),
-        ('{"format": "automcm.replay/2"}', "format: must be 'automcm.replay/1'"),
-        (json.dumps(REPLAY | {"steps": [{"now": 1}]}), "line: missing"),
-        (json.dumps({k: v for k, v in REPLAY.items() if k != "rule"}), "rule: missing"),
-        (json.dumps(REPLAY | {"steps": 7}), "steps: "),
-        (json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}), "expected.other"),
-    ],
-)
-def test_a_file_that_is_no_replay_is_3(tmp_path: Path, text: str | None, says: str) -> None:
-    file = tmp_path / "replay.json"
-    if text is not None:
-        file.write_text(text)
-    answer = automcm("conform", "replay", file, "--", *REFERENCE)
-    assert answer.exit_code == 3, answer.output
-    assert says in answer.output
+def test_a_file_that_is_no_replay_is_3(tmp_path: Path) -> None:
+    """What may be wrong in one is in test_answers."""
+    (tmp_path / "replay.json").write_text('{"format": "automcm.replay/2"}')
+    for name, says in (("none", "No such file"), ("replay", "format: must be 'automcm.replay/1'")):
+        answer = automcm("conform", "replay", tmp_path / f"{name}.json", "--", *REFERENCE)
+        assert answer.exit_code == 3 and says in answer.output
 
 
 # -- check-adapter, new, report
 
 
-@pytest.mark.slow
-def test_check_adapter() -> None:
-    answer = automcm("conform", "check-adapter", "--", *REFERENCE)
-    assert answer.exit_code == 0, answer.output
+def test_check_adapter_as_json() -> None:
     wrong = [sys.executable, "-c", "input(); print('{}', flush=True); input()"]
     answer = automcm("conform", "check-adapter", "--limit", "5", "--json", "-", "--", *wrong)
     assert answer.exit_code == 1
     assert "error" in {finding["level"] for finding in json.loads(answer.output)}
 
 
-@pytest.mark.slow
-def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> None:
+def test_a_new_adapter_is_in_a_new_folder(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     answer = automcm("conform", "new", "--language", "python", folder)
-    assert answer.exit_code == 0 and str(folder / "run") in answer.output
-    assert f"automcm conform run -- {folder / 'run'}" in answer.output
-    assert automcm("conform", "check-adapter", "--", folder / "run").exit_code == 0
-    done = conform(tmp_path / "r", CASE, command=[str(folder / "run")])
-    assert done.code != 0 and done.report["counts"]["PASS"] == 0
+    assert answer.exit_code == 0 and f"automcm conform run -- {folder / 'run'}" in answer.output
     again = automcm("conform", "new", folder)
     assert again.exit_code == 2 and "not an empty folder" in " ".join(again.output.split())
-    for language, code in (("ada", 2), ("cpp", 0)):
-        new = ["conform", "new", "--language", language, str(tmp_path / language)]
-        assert automcm(*new).exit_code == code
-    assert (tmp_path / "cpp" / "CMakeLists.txt").exists()
+    assert automcm("conform", "new", "--language", "ada", tmp_path / "ada").exit_code == 2
 
 
 def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
@@ -392,9 +317,3 @@ def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
         answer = automcm("conform", "report", *arguments)
         assert answer.exit_code == 3 and "report: " in answer.output
     assert automcm("conform", "report").exit_code == 2
-
-
-@pytest.mark.parametrize("command", ["run", "list", "replay", "check-adapter", "new", "report"])
-def test_usage_says_where_the_adapter_goes(command: str) -> None:
-    answer = automcm("conform", command, "--help")
-    assert ("COMMAND..." in answer.output) == (command in ("run", "replay", "check-adapter"))
