@@ -109,28 +109,14 @@ def test_the_worst_verdict_is_the_exit_code(wrong: Path, tmp_path: Path) -> None
     assert explained(tmp_path / "empty.ndjson", wrong, *out)[0] == 1
 
 
-def test_a_gap_cannot_be_told_and_what_diverges_before_it_is(wrong: Path, tmp_path: Path) -> None:
-    for source, verdict, code in ((Path(LOGS[2]), "cannot_tell", 4), (wrong, "diverges", 1)):
-        lines = source.read_text().splitlines(keepends=True)
-        path = tmp_path / "gap.ndjson"
-        path.write_text("".join(lines[:80] + lines[83:]))
-        found, told = explained(path, "--out", tmp_path / "out")
-        assert (found, told["verdict"]) == (code, verdict)
-        assert told["line"] == (81 if verdict == "cannot_tell" else 54)
-
-
-def test_what_cannot_be_read_further_is_unreadable_only_if_all_before_was_allowed(
-    wrong: Path, tmp_path: Path
+@pytest.mark.parametrize("damage", [[], [b"\x00\xff\x7frubbish\n"]], ids=["a gap", "rubbish"])
+def test_what_diverges_before_a_log_is_damaged_does(
+    damage: list[bytes], wrong: Path, tmp_path: Path
 ) -> None:
-    for source, verdict in ((Path(LOGS[2]), "unreadable"), (wrong, "diverges")):
-        lines = source.read_bytes().splitlines(keepends=True)
-        path = tmp_path / "rubbish.ndjson"
-        path.write_bytes(b"".join(lines[:80]) + b"\x00\xff\x7frubbish\n" + b"".join(lines[80:]))
-        _, told = explained(path, "--out", tmp_path / "out")
-        assert told["verdict"] == verdict
-        if verdict == "unreadable":
-            assert (told["file"], told["line"]) == (str(path), 81)
-            assert told["event"].startswith("not UTF-8")
+    lines = wrong.read_bytes().splitlines(keepends=True)
+    wrong.write_bytes(b"".join([*lines[:80], *damage, *lines[83:]]))
+    code, told = explained(wrong, "--out", tmp_path / "out")
+    assert (code, told["verdict"], told["line"]) == (1, "diverges", 54)
 
 
 def test_a_log_cut_before_a_restart_is_judged_from_there(tmp_path: Path) -> None:

@@ -158,17 +158,6 @@ def answer(command):
     return out
 """,
     ),
-    "does not acknowledge a Prescription": (
-        "2002",
-        "NEG-1",
-        """
-def answer(command):
-    out = right(command)
-    if received(command, "Prescription"):
-        out["messages"] = []
-    return out
-""",
-    ),
     "marks nothing": (
         "2002",
         "ACT-5",
