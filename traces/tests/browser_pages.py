@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from browser_stage import run
-from merged_runs import killed, records, rewritten, simulated
+from merged_runs import killed, later, simulated
 from page_rows import CORPUS
 
 from automcm_traces.viewer import page_run
@@ -17,18 +17,6 @@ from automcm_traces.viewer.page_part import PagePart
 EPOCH_MS = 1_732_300_000_000
 LAST_MS = 2**53 - 1
 """The latest time that a log can hold."""
-
-
-def later(logs: list[Path], by_ms: int) -> list[Path]:
-    """The logs with a clock that is ahead by so much."""
-    for path in logs:
-        lines = records(path)
-        for record in lines:
-            for name in ("t_ms", "deadline"):
-                if name in record:
-                    record[name] += by_ms
-        rewritten(path, lines)
-    return logs
 
 
 def four(folder: Path, seed: int = 3, loss: float = 0.3, until: int = 20_000) -> list[Path]:
@@ -69,7 +57,8 @@ def _long(folder: Path) -> Page:
 
 
 def _epoch(folder: Path) -> Page:
-    return load(later(simulated(folder, 1001, 2002, 3003, until=10_000), EPOCH_MS))
+    logs = simulated(folder, 1001, 2002, 3003, until=10_000)
+    return load([later(path, EPOCH_MS) for path in logs])
 
 
 def _counterexample(folder: Path) -> Page:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, get_args
 
-from browser_pages import EPOCH_MS, LAST_MS, four, later
+from browser_pages import EPOCH_MS, LAST_MS, four
 from browser_stage import Browser, overlapping, two
-from merged_runs import records, simulated
+from merged_runs import later, records, simulated
 from page_rows import FOUR
 
 from automcm_spec.vocabulary.application import Phase
@@ -30,7 +30,8 @@ def times_are_64_bit_and_count_from_the_start(browser: Browser, folder: Path) ->
     lines = records(simulated(folder / "zero", 1001, 2002, until=3000)[0])
     last = max(line.get("deadline", line.get("t_ms", 0)) for line in lines)
     for by_ms in (0, EPOCH_MS, LAST_MS - last):
-        log = later(simulated(folder / str(by_ms), 1001, 2002, until=3000)[:1], by_ms)[0]
+        (log, _) = simulated(folder / str(by_ms), 1001, 2002, until=3000)
+        later(log, by_ms)
         events = records(log)[1:-1]
         path = browser.write(f"at-{by_ms}", log)
         with browser.page(path, "#step=20") as page:

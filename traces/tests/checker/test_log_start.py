@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from generated_logs import mutated
+from merged_runs import records
 
 from automcm.links.simulated_radio import Channel
 from automcm_maintenance.corpus.corpus import index
@@ -27,10 +28,6 @@ KINDS = (
     *(("receive", "send"), ("send",), ("receive", "send", "timer")),
     *(("indication", "receive", "send"), ("command", "receive", "restart", "send", "timer")),
 )
-
-
-def records(path: Path) -> list[Json]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def only(lines: list[Json], kinds: tuple[str, ...]) -> list[Json]:

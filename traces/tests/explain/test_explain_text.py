@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from merged_runs import Run, apart
+from merged_runs import Run, later
 
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
@@ -18,16 +18,6 @@ EPOCH = 1_732_300_000_000
 BAD = [e["file"] for e in json.loads((CORPUS / "index.json").read_text()) if e["line"]]
 
 
-def later(path: Path, folder: Path) -> Path:
-    """A copy of a log on a clock that counts from 1970."""
-    moved = folder / path.name
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
-    for record in lines:
-        record |= {name: record[name] + EPOCH for name in ("t_ms", "deadline") if name in record}
-    moved.write_text("".join(json.dumps(record) + "\n" for record in lines))
-    return moved
-
-
 @pytest.mark.sweep(12)
 @pytest.mark.parametrize("file", BAD)
 def test_the_text_of_a_verdict_is_the_same_whatever_the_epoch(file: str, tmp_path: Path) -> None:
@@ -35,7 +25,7 @@ def test_the_text_of_a_verdict_is_the_same_whatever_the_epoch(file: str, tmp_pat
     verdict = verdict_of(path)
     if verdict.verdict == "unreadable":
         return
-    moved = verdict_of(later(path, tmp_path))
+    moved = verdict_of(later(path, EPOCH, tmp_path))
     shown = [text(v, start_times([v])).replace(v.file, "LOG") for v in (verdict, moved)]
     assert shown[0] == shown[1] and str(EPOCH)[:7] not in shown[1]
     if verdict.recent:
@@ -48,7 +38,7 @@ def hazard(folder: Path, ahead: int) -> SystemReport:
     run.simulation.command(2, Abort(session=(1, 1)), at=4000)
     run.logs()
     paths = [folder / f"{n}.ndjson" for n in (1, 2, 3)]
-    return judge([apart(read(path), path, ahead) for path in paths])
+    return judge([read(later(path, ahead)) for path in paths])
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import simulated
+from merged_runs import records, rewritten, simulated
 
 from automcm_maintenance.corpus.corpus import index
 from automcm_spec.vocabulary.parameters import Parameters
@@ -22,20 +22,9 @@ ENTRIES = index(CORPUS)
 GOOD = [e.file for e in ENTRIES if e.verdict == "allowed" and "bad/" not in e.file]
 
 
-def records(path: Path) -> list[Json]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 def judged(folder: Path, lines: list[Json]) -> Verdict:
     """The verdict on these records, numbered anew."""
-    number = 0
-    for record in lines:
-        number += record["rec"] == "event"
-        if record["rec"] != "header":
-            record["seq"] = number
-    path = folder / "edited.ndjson"
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    return verdict_of(path)
+    return verdict_of(Path(rewritten(folder / "edited.ndjson", lines).file))
 
 
 @pytest.fixture(scope="module")

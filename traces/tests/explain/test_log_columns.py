@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from edits import HEADER, end, write
-from merged_runs import apart
+from merged_runs import later
 from rich.cells import cell_len
 
 from automcm_spec.log_format.event_text import DAY_MS, starts, summary
@@ -98,12 +98,11 @@ def shown(paths: list[Path], absolute: bool, width: int = 80) -> list[tuple[int,
 def test_times_count_from_the_start_whatever_the_epoch(
     paths: list[Path], ahead: int, tmp_path: Path
 ) -> None:
-    later = [tmp_path / path.name for path in paths]
-    for path, other in zip(paths, later, strict=True):
-        other.write_bytes(path.read_bytes())
-        apart(read(other), other, ahead)
+    moved = [tmp_path / path.name for path in paths]
+    for path in paths:
+        later(path, ahead, tmp_path)
     first = min(event.t_ms for path in paths for _, event in read(path))
-    absolute, relative = shown(later, True), shown(later, False)
+    absolute, relative = shown(moved, True), shown(moved, False)
     assert absolute == [(t + first + ahead, line) for t, line in relative]
     assert min(relative)[0] == 0 and shown(paths, False) == relative
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+
+from merged_runs import later
 
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import read
@@ -62,13 +63,8 @@ def times(text: str) -> list[str | None]:
 
 def test_times_count_from_the_first_event_whatever_the_clocks(tmp_path: Path) -> None:
     """Clocks that show the time since 1970, one of them 3 s ahead."""
-    for name, ahead in (("1001", 1_732_300_000_000), ("2002", 1_732_300_003_000)):
-        lines = [json.loads(line) for line in (FOUR / f"{name}.ndjson").read_text().splitlines()]
-        for record in lines:
-            for field in {"t_ms", "deadline"} & record.keys():
-                record[field] += ahead
-        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in lines))
-    late = merge([read(tmp_path / name) for name in ("1001", "2002")])
+    ahead = {"1001": 1_732_300_000_000, "2002": 1_732_300_003_000}
+    late = merge([read(later(FOUR / f"{name}.ndjson", ms, tmp_path)) for name, ms in ahead.items()])
     first = merge([read(FOUR / f"{name}.ndjson") for name in ("1001", "2002")])
     shown = [float(str(time).split()[0]) for time in times(drawing(late, unfold=True))]
     wanted = [float(str(time).split()[0]) for time in times(drawing(first, unfold=True))]
@@ -90,14 +86,10 @@ def test_a_station_without_a_log_has_a_line_and_what_it_gets_is_dashed() -> None
 
 
 def test_arrows_never_go_up_whatever_the_clocks_say(tmp_path: Path) -> None:
-    for name, ahead in (("1001", 0), ("2002", -40_000)):
-        lines = (FOUR / f"{name}.ndjson").read_text().splitlines()
-        records = [json.loads(line) for line in lines]
-        for record in records:
-            if "t_ms" in record:
-                record["t_ms"] += ahead + 50_000
-        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in records))
-    text = drawing(merge([read(tmp_path / "1001"), read(tmp_path / "2002")]))
+    ahead = {"1001": 50_000, "2002": 10_000}
+    text = drawing(
+        merge([read(later(FOUR / f"{name}.ndjson", ms, tmp_path)) for name, ms in ahead.items()])
+    )
     paths = [g.find(f"{SVG}path") for g in parts(text, "g") if "delivered" in str(g[0].text)]
     ends = [re.match(r"M\S+ (\S+)L\S+ (\S+?)m", str(p.get("d"))) for p in paths if p is not None]
     ways = [(float(end[1]), float(end[2])) for end in ends if end]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, records, rewritten, without_tx
+from merged_runs import Run, later, records, rewritten, without_tx
 
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Receive, Send
@@ -49,13 +49,8 @@ def test_the_order_does_not_depend_on_that_of_the_files_nor_on_time(
 ) -> None:
     order = merge(logs).order
     assert merge(logs[::-1]).order == order
-
-    def later(record: dict[str, Any]) -> None:
-        for name in ("t_ms", "deadline"):
-            if name in record:
-                record[name] += 5_000_000
-
-    assert merge([logs[0], copied(logs[1], tmp_path, later), logs[2]]).order == order
+    two = read(later(Path(logs[1].file), 5_000_000, tmp_path))
+    assert merge([logs[0], two, logs[2]]).order == order
 
 
 def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
@@ -188,12 +183,8 @@ def test_the_clocks_of_one_simulation_are_shown_to_be_nearly_the_same(logs: list
 
 @pytest.mark.parametrize("ms", [3, 977, 3_600_000])
 def test_the_difference_of_two_clocks_is_enclosed(logs: list[Log], tmp_path: Path, ms: int) -> None:
-    def ahead(record: dict[str, Any]) -> None:
-        for name in ("t_ms", "deadline"):
-            if name in record:
-                record[name] += ms
-
-    clocks = Clocks.of(merge([logs[0], copied(logs[1], tmp_path, ahead), logs[2]]))
+    two = read(later(Path(logs[1].file), ms, tmp_path))
+    clocks = Clocks.of(merge([logs[0], two, logs[2]]))
     found, back = clocks.ahead(0, 1), clocks.ahead(1, 0)
     assert found is not None and back is not None
     assert found.low <= ms <= found.high and found.high - found.low <= 12

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from merged_runs import records, rewritten, simulated
+from merged_runs import later, records, rewritten, simulated
 from page_rows import DELIVERED, DUPLICATE, OVERHEARD
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
@@ -54,17 +54,6 @@ def pairs(data: Json) -> list[int]:
 
 def is_cam(data: Json, row: int) -> bool:
     return bool(column(data["rows"], "flags")[row] & (OF_CAM | IS_CAM))
-
-
-def later(path: Path, to: Path, ms: int) -> Path:
-    """A log with all its times later."""
-    lines = records(path)
-    for record in lines:
-        for name in ("t_ms", "deadline"):
-            if name in record:
-                record[name] += ms
-    rewritten(to / path.name, lines)
-    return to / path.name
 
 
 def test_equal_runs_share_every_row_but_those_of_cams() -> None:
@@ -143,7 +132,7 @@ def test_messages_stay_in_their_run_and_go_down(two: Two) -> None:
 
 @pytest.mark.slow
 def test_runs_that_begin_at_other_times_are_aligned_all_the_same(tmp_path: Path) -> None:
-    late = [later(path, tmp_path, 70_000) for path in FOUR]
+    late = [later(path, 70_000, tmp_path) for path in FOUR]
     data, same = as_dict(beside(FOUR, late)), as_dict(beside(FOUR, FOUR))
     assert [log["ahead"] for log in data["logs"]] == [
         *(log["ahead"] for log in same["logs"][:4]),
