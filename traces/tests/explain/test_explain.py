@@ -184,12 +184,6 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
     assert {type_ for type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
 
 
-def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
-    verdict = spoilt(logs[0], tmp_path, put(number, "marks", []))
-    assert where(verdict) == ("diverges", number, "ACT-5")
-
-
 def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "receive", type="Advertisement")
     changed = edited(logs[2], tmp_path, put(number, "scenario", "merge"))
@@ -229,96 +223,6 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     verdict = explain(read(wrong))
     assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
     assert verdict.finding.observed == f"send Ack to 1001: no input calls for it{why}"
-
-
-def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[0], "send", type="Ack")
-    verdict = spoilt(logs[0], tmp_path, lambda log: log.drop(number))
-    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
-    assert (
-        verdict.finding.expected[0].startswith("send Ack")
-        and "OnIntention" in verdict.finding.why.guard
-    )
-
-
-def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[2], "timer", op="arm")
-    verdict = spoilt(logs[2], tmp_path, lambda log: log.drop(number))
-    assert verdict.verdict == "diverges" and "arm" in verdict.finding.expected[0]
-
-
-def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[2], "timer", op="arm")
-    event = Edited(logs[2].read_bytes()).at(number)
-    later_ = {"deadline": event["deadline"] + 1}
-    verdict = spoilt(logs[2], tmp_path, lambda log: log.at(number).update(later_))
-    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
-    duration = event["deadline"] - event["t_ms"]
-    assert verdict.finding.expected[0].endswith(f" for {duration} ms")
-    assert f" for {duration + 1} ms" in verdict.finding.observed
-
-
-def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
-    (path,) = simulated(tmp_path, 7, asks=[10], until=3000, parameters=Parameters(t_cam=1000))
-    number = find(path, "timer", op="expire")
-    verdict = spoilt(path, tmp_path, later(number, -1, number))
-    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
-    assert "too early" in verdict.finding.observed
-
-
-def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
-    head, rest = logs[1].read_text().split("\n", 1)
-    header = json.loads(head) | {"complete": ["receive", "timer"]}
-    path = tmp_path / "partial.ndjson"
-    path.write_text(json.dumps(header) + "\n" + rest)
-    verdict = explain(read(path))
-    assert (
-        verdict.verdict == "cannot_tell"
-        and "sent messages may be missing" in verdict.finding.observed
-    )
-    assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
-
-
-def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
-    path = tmp_path / "lost.ndjson"
-    path.write_text(logs[1].read_text().replace('"lost_records":0', '"lost_records":5'))
-    verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.finding.observed
-
-
-def test_end_5_a_message_without_its_fields_calls_for_nothing(
-    logs: list[Path], tmp_path: Path
-) -> None:
-    number = find(logs[1], "receive", type="Advertisement")
-    verdict = spoilt(logs[1], tmp_path, lambda log: log.at(number)["message"].pop("session"))
-    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
-    assert verdict.finding.observed.startswith("phase INTENDING; the message of line")
-    assert verdict.finding.expected == ("phase STANDALONE",)
-
-
-def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
-    (tmp_path / "empty.ndjson").write_text("")
-    verdicts = verdicts_of([tmp_path / "empty.ndjson", tmp_path / "none.ndjson"])
-    assert [v.verdict for v in verdicts] == ["unreadable", "unreadable"]
-    assert exit_code(verdicts) == 3 and "none.ndjson" in text(verdicts[1])
-
-
-def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so(
-    logs: list[Path], tmp_path: Path
-) -> None:
-    path = tmp_path / "cut.ndjson"
-    path.write_text("".join(logs[2].read_text().splitlines(keepends=True)[:60]))
-    (verdict,) = verdicts_of([path])
-    assert verdict.verdict == "allowed" and len(verdict.warnings) == 1
-    assert "warning: " in text(verdict) and verdict.as_dict()["warnings"]
-
-
-def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> None:
-    path = tmp_path / "silent.ndjson"
-    lines = logs[2].read_text().splitlines(keepends=True)
-    path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
-    verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "no event" in verdict.finding.observed
 
 
 def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> None:

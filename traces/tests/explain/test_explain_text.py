@@ -10,12 +10,56 @@ from merged_runs import Run, later
 
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.application import Abort
-from automcm_traces.explain.explain import start_times, text, verdict_of
+from automcm_traces.explain.explain import start_times, text, verdict_of, verdicts_of
 from automcm_traces.system.properties import SystemReport, judge
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 EPOCH = 1_732_300_000_000
 BAD = [e["file"] for e in json.loads((CORPUS / "index.json").read_text()) if e["line"]]
+
+
+FIRST = {
+    "ack_missing": [
+        "LOG:7: DIVERGES at receive Intention from 2002: effects are missing",
+        "  expected: send Ack to 2002 session=1001/1 (of Intention seq=1)",
+        "  by ADV-5: which Intentions are recorded, acked, or answered that the session is closed "
+        "(OnIntention, Station.tla:258)",
+        "  nearest allowed: ADV-5 without send Ack (OnIntention) blocked by guard "
+        "p \\in st.withdrawn, which must hold: p = 2002, st.withdrawn = {}  Station.tla:261",
+    ],
+    "window_too_long": [
+        "LOG:4: DIVERGES at arm advertise for 700 ms",
+        "  expected: arm advertise for 600 ms",
+    ],
+    "window_closed_early": [
+        "LOG:28: DIVERGES at expire advertise: 1 ms too early",
+        "  expected: expire advertise 1 ms later",
+    ],
+    "lost_records": ["LOG: CANNOT TELL: the log lost 5 records"],
+    "no_events": ["LOG: CANNOT TELL: the log contains no events"],
+    "seq_twice": ["LOG:10: UNREADABLE: seq: 8 after 8, expected 9 [seq]"],
+    "forged_content": [
+        "LOG:23: DIVERGES at receive Prescription from 1001 as transmission 1001:10: forged, that "
+        "transmission was another message",
+        "  expected: hold_ms: 2000 was sent, not 1",
+    ],
+}
+"""What the text of a verdict begins with."""
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_the_first_lines_say_what_is_wrong(name: str) -> None:
+    paths = [CORPUS / "pair/1001.ndjson"] * name.startswith("forged")
+    verdict = verdicts_of([*paths, CORPUS / f"bad/{name}.ndjson"])[-1]
+    shown = text(verdict).replace(verdict.file, "LOG").splitlines()
+    assert shown[: len(FIRST[name])] == FIRST[name]
+
+
+def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so() -> None:
+    verdict = verdict_of(CORPUS / "bad/cut.ndjson")
+    warnings = [line for line in text(verdict).splitlines() if line.startswith("  warning: ")]
+    assert verdict.verdict == "allowed" and len(warnings) == len(verdict.warnings) == 2
+    assert verdict.as_dict()["warnings"] == list(verdict.warnings)
 
 
 @pytest.mark.sweep(12)
