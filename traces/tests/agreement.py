@@ -36,11 +36,9 @@ def different(logs: Sequence[Log]) -> list[str]:
     """What the engines say of the logs of which they do not say the same."""
     found = []
     for one, two in zip(map(explain, logs), explain_batch(logs), strict=True):
-        mine, theirs = (
-            (v.verdict, v.finding.at.line, v.finding.rule, v.finding.observed) for v in (one, two)
-        )
-        if mine[:3] != theirs[:3]:
-            found.append(f"{one.file}: {mine}\n    TLC: {theirs}")
+        mine, theirs = ((v.verdict, v.finding.at.line, v.finding.rule) for v in (one, two))
+        if mine != theirs:
+            found.append(f"{one.file}: {mine}: {one.finding.observed}; TLC: {theirs}")
     return found
 
 

@@ -7,8 +7,9 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 from browser_stage import Browser, run, two
-from merged_runs import simulated
-from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_text
+from merged_runs import killed, records, rewritten, simulated
+from page_rows import CORPUS, FOUR
+from test_page import HOSTILE, with_text
 
 from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import verdict_of

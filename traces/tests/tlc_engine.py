@@ -16,14 +16,7 @@ from typing import Any
 from tlc_module import TooLarge, Translation, limits, module
 
 from automcm_spec.log_format.log import (
-    ApplicationCommand,
-    ApplicationIndication,
     Event,
-    Receive,
-    Restart,
-    Send,
-    TimerArm,
-    TimerEnd,
 )
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.model_checking import tlc
@@ -31,10 +24,8 @@ from automcm_spec.support import scratch
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import LIMITS
-from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.checker.finding import Finding, Where, Why, cannot_tell, unreadable
+from automcm_traces.checker.finding import Finding, Where, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION
-from automcm_traces.checker.track import timer_name
 from automcm_traces.explain.explain import Verdict
 
 Json = Any
@@ -72,8 +63,8 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
     for constants, group in groups.items():
         for batch in _batches(group, logs):
             answers = _run(constants, [translation for _, translation in batch])
-            for (n, translation), answer in zip(batch, answers, strict=True):
-                verdicts[n] = _verdict(logs[n], translation, answer)
+            for (n, _), answer in zip(batch, answers, strict=True):
+                verdicts[n] = _verdict(logs[n], answer)
     return [verdicts[n] for n in range(len(logs))]
 
 
@@ -140,14 +131,14 @@ def _batches(
 
 
 def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[Json]:
-    """TLC's answer for each log: ``[what, line, rule, wanted]``."""
+    """TLC's answer for each log: ``[what, line, rule]``."""
     best: dict[int, Json] = {}
 
     def take(text: str) -> None:
-        what, log, line, rule, wanted = _untla(text)
+        what, log, line, rule, _ = _untla(text)
         before = best.get(log)
         if before is None or what == "ALLOWED" or (before[0] != "ALLOWED" and line > before[1]):
-            best[log] = [what, line, rule, wanted]
+            best[log] = [what, line, rule]
 
     with scratch.folder("traces") as folder:
         for file in _MODULES:
@@ -174,78 +165,9 @@ def _untla(line: str) -> Json:
     return json.loads(text.replace("TRUE", "true").replace("FALSE", "false"))
 
 
-def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
-    what, line, rule, wanted = answer
-    about: dict[str, Any] = {
-        "header": log.header,
-        "unobserved": tuple(log.header.unobserved),
-        "events": len(log.events),
-    }
+def _verdict(log: Log, answer: Json) -> Verdict:
+    what, line, rule = answer
     if what == "ALLOWED":
-        return Verdict(log.file, **about)
-    event = next(event for at, event in log.events if at == line)
-    expected = tuple(_expected(translation, rule, wanted))
-    guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
-    at = Where(log.file, line)
-    found = Finding("unexpected", rule, "", at, expected, event_words(event), Why(guard))
-    return Verdict(log.file, found, **about)
-
-
-def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:
-    """The expected effects as text."""
-    match len(wanted):
-        case 1 if rule == "ACT-5":
-            return [f"marks {', '.join(sorted(_session(t, s) for s in wanted[0])) or 'none'}"]
-        case 1:
-            return sorted(f"expire {_timer(t, timer)}" for timer in wanted[0])
-        case 2:
-            return [f"phase {wanted[0]}", f"role {wanted[1]}"]
-    out, arm, stop, indication = wanted
-    texts = sorted(f"send {_message(t, m)}" for m in out)
-    texts += sorted(f"arm {_timer(t, timer)}" for timer in arm)
-    texts += sorted(f"stop {_timer(t, timer)}" for timer in stop)
-    return texts + ([f"indication {' '.join(indication)}"] if indication != ["nothing"] else [])
-
-
-def _message(t: Translation, m: Json) -> str:
-    type_, dst, session, _, proposal, accepted, reason = m
-    extra = [f"proposal={proposal}"] if proposal else []
-    if type_ == "Acceptance":
-        extra.append("accepted" if accepted else "refused")
-    extra += [reason] if reason not in ("none", "as_sent") else []
-    to = f" to {t.stations[dst]}" if dst else ""
-    inner = f" ({', '.join(extra)})" if extra else ""
-    return f"{type_}{to} session={_session(t, session)}{inner}"
-
-
-def _timer(t: Translation, timer: Json) -> str:
-    if len(timer) == 1:
-        return str(timer[0])
-    if timer[0] == "forget":
-        return f"forget({t.stations[timer[1]]})"
-    type_, to, session, _, _ = timer[1]
-    return f"{timer[0]}({type_} to {t.stations[to] or 'all'} session={_session(t, session)})"
-
-
-def _session(t: Translation, session: Json) -> str:
-    """A session with its real number, or ``next`` if the log does not name it."""
-    q, numbers = t.stations[session[0]], t.numbers.get(t.stations[session[0]], [])
-    return f"{q}/{numbers[session[1]] if session[1] < len(numbers) else 'next'}"
-
-
-def event_words(event: Event) -> str:
-    """An event as short text."""
-    match event:
-        case Receive(message=dict() as m):
-            return f"receive {m['type']} from {m.get('src')}"
-        case Send(message=m):
-            return f"send {m['type']} to {m.get('dst', 'all')}"
-        case TimerArm(op=op, timer=timer) | TimerEnd(op=op, timer=timer):
-            return f"{op} {timer_name(timer)}"
-        case ApplicationCommand(command=command):
-            return f"command {command.name}"
-        case ApplicationIndication(indication=indication):
-            return f"indication {indication.name}"
-        case Restart():
-            return "restart"
-    return "receive bytes that are not a message"
+        return Verdict(log.file, header=log.header, events=len(log.events))
+    found = Finding("unexpected", rule, "", Where(log.file, line))
+    return Verdict(log.file, found, header=log.header, events=len(log.events))

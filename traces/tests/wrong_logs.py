@@ -49,11 +49,6 @@ def change(records: Records, n: int, part: str, **fields: Json) -> int:
     return n + 1
 
 
-@wrong(RECEIVER)
-def new_content_skips_a_seq(r: Records) -> int:
-    return change(r, find(r, "send", type="Acceptance"), "message", seq=3)
-
-
 @wrong("twice/1001")
 def a_session_number_is_used_again(r: Records) -> int:
     n = find(r, "send", type="Advertisement", session=[1001, 2])
@@ -103,12 +98,6 @@ def end_5_a_message_sent_has_an_unknown_field(r: Records) -> int:
     return change(r, find(r, "send", type="Intention"), "message", note=1)
 
 
-@wrong(PRESCRIBER)
-def act_5_a_cam_lacks_the_mark(r: Records) -> int:
-    n = next(k for k, x in enumerate(r) if x.get("ev") == "send" and x["message"].get("marks"))
-    return change(r, n, "message", marks=[])
-
-
 @wrong(RECEIVER)
 def act_5_a_cam_that_is_older_counts(r: Records) -> int:
     n = find(r, "timer", 2, op="arm", name="cam")
@@ -125,11 +114,6 @@ def act_5_a_cam_that_is_too_far_ahead_counts(r: Records) -> int:
     most = r[first]["message"]["generation_ms"] + elapsed - -elapsed // 100 + 400
     r[n - 1]["message"]["generation_ms"] = most + 1
     return n + 1
-
-
-@wrong("abort/2002")
-def end_2_the_reason_told_is_not_that_of_the_cancel(r: Records) -> int:
-    return change(r, find(r, "indication", name="fallback"), "indication", reason="timeout")
 
 
 @wrong(RECEIVER)

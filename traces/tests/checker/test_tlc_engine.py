@@ -94,20 +94,6 @@ def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
     assert WRONG[name][2] in ("", verdict.finding.rule)
 
 
-@pytest.mark.slow
-def test_a_divergence_says_what_was_called_for(
-    judged: dict[str, tuple[int, Verdict, Verdict]],
-) -> None:
-    *_, verdict = judged["new_content_skips_a_seq"]
-    assert (verdict.finding.observed, verdict.finding.rule) == ("send Acceptance to 1001", "NEG-3")
-    assert "send Acceptance to 1001 session=1001/1 (proposal=1, refused, unsafe)" in (
-        verdict.finding.expected
-    )
-    assert verdict.finding.why.guard.startswith("NEG-3: ")
-    *_, verdict = judged["act_5_a_cam_lacks_the_mark"]
-    assert (verdict.finding.rule, verdict.finding.expected) == ("ACT-5", ("marks 1001/1",))
-
-
 # -- logs that are right, though they look odd
 
 
@@ -176,17 +162,6 @@ def test_without_timers_and_commands_a_wrong_log_still_diverges(
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", line)
 
 
-def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
-    lost = copy.deepcopy(good[RECEIVER])
-    lost[-1]["lost_records"] = 3
-    logs = [
-        rewritten(tmp_path / "lost", lost),
-        rewritten(tmp_path / "unsent", without("send")(copy.deepcopy(good[RECEIVER]))),
-    ]
-    verdicts = [(v.verdict, v.finding.at.line) for v in explain_batch(logs)]
-    assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0)]
-
-
 @pytest.mark.slow
 def test_end_5_a_received_message_without_a_field_must_be_reported(
     good: dict[str, Records], tmp_path: Path
@@ -200,18 +175,6 @@ def test_end_5_a_received_message_without_a_field_must_be_reported(
         n + 1,
         "END-5",
     )
-
-
-@pytest.mark.slow
-def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
-    """What comes before the missing records is judged, what comes after is not."""
-    path = tmp_path / "gap.ndjson"
-    rewritten(path, copy.deepcopy(good[RECEIVER]))
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join(lines[:20] + lines[30:]))
-    (verdict,) = explain_each([path])
-    assert (verdict.verdict, verdict.finding.at.line) == ("cannot_tell", 21)
-    assert verdict.finding.observed.startswith("records are missing before this line")
 
 
 # -- agreement

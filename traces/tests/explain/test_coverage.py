@@ -188,10 +188,3 @@ def test_a_log_that_does_not_promise_all_does_not_diverge(logs: list[Path], tmp_
     [(_, at, what, why)] = measure([part]).problems
     assert what == "cannot_tell" and at > 1
     assert "the log does not promise command, restart, timer" in why
-
-
-def test_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
-    lines = logs[0].read_text().splitlines()
-    end = json.dumps({**json.loads(lines[-1]), "lost_records": 3}).encode() + b"\n"
-    lost = changed(logs[0], tmp_path, len(lines), end)
-    assert [what for _, _, what, _ in measure([lost]).problems] == ["cannot_tell"]

@@ -201,12 +201,6 @@ def test_a_counterexample_of_one_station_has_no_logs(tmp_path: Path) -> None:
     assert not (CORPUS / "counterexamples" / "finishes_silently").exists()
 
 
-def test_a_file_that_is_not_there_is_3(tmp_path: Path) -> None:
-    for name in ("none.itf.json", "none.ndjson"):
-        answer = run.invoke(app, ["trace", "itf", str(tmp_path / name)])
-        assert answer.exit_code == 3 and name in answer.output
-
-
 def test_an_allowed_log_whose_states_are_unknown_is_4(tmp_path: Path) -> None:
     """explain allows it: the command before the Acceptance is not logged."""
     page = (Path(__file__).parents[3] / "docs" / "trace-format.md").read_text()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, killed, later, records, rewritten, without_tx
+from merged_runs import Drop, Run, killed, later, records, rewritten, without_tx
 
 from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import read
@@ -45,6 +45,12 @@ def measured(hazard: Hazard, run: Run) -> int:
 
 def property_of(report: SystemReport, name: str) -> str:
     return next(j.outcome for j in report.properties if j.property == name)
+
+
+def ran(folder: Path) -> Run:
+    run = Run(folder)
+    run.logs()
+    return run
 
 
 def test_a_run_without_faults_has_no_hazard(tmp_path: Path) -> None:
@@ -89,9 +95,15 @@ def no_cancel(src: int, dst: int, m: Any, now: int) -> bool:
     return m.type == "Cancel" and (src, dst) == (2, 1)
 
 
+def aborted(folder: Path, at: int = CUT, drop: Drop = no_cancel, **more: Any) -> Run:
+    """A run in which the target aborts, and its Cancel is lost."""
+    run = Run(folder, drop=drop, **({"maneuver_ms": 9000} | more))
+    run.simulation.command(2, Abort(session=(1, 1)), at=at)
+    return run
+
+
 def test_act_5_where_every_cancel_is_lost_the_marks_end_the_hazard(tmp_path: Path) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path)
     hazard = only(judge(run.logs()))
     assert L - 100 <= measured(hazard, run) <= D + L
     assert "station 2 aborts" in hazard.fault and "fallback(cam_loss)" in hazard.ended
@@ -107,14 +119,12 @@ def test_end_8_a_restart_leaves_a_hazard_until_the_marks_are_missed(tmp_path: Pa
 
 
 def test_end_1_an_abort_that_is_heard_ends_it_at_once(tmp_path: Path) -> None:
-    run = Run(tmp_path, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path, drop=Run.drop)
     assert measured(only(judge(run.logs())), run) <= D
 
 
 def test_act_4_a_short_lease_is_the_bound(tmp_path: Path) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000, lease_ms=1540)
-    run.simulation.command(2, Abort(session=(1, 1)), at=2800)
+    run = aborted(tmp_path, at=2800, lease_ms=1540)
     hazard = only(judge(run.logs()))
     assert hazard.bound is not None and hazard.bound.text == "lease = 1540: 1540 ms"
     assert measured(hazard, run) <= 1540
@@ -123,15 +133,10 @@ def test_act_4_a_short_lease_is_the_bound(tmp_path: Path) -> None:
 def test_a_target_may_be_gone_before_the_prescriber_acts(tmp_path: Path) -> None:
     """It aborts while its Acceptance is under way: the hazard begins where the prescriber acts."""
 
-    def aborted(name: str, at: int | None) -> tuple[Run, SystemReport]:
-        run = Run(tmp_path / name, drop=no_cancel, maneuver_ms=9000)
-        if at is not None:
-            run.simulation.command(2, Abort(session=(1, 1)), at=at)
-        return run, judge(run.logs())
-
-    entered = dict((phase, ms) for ms, phase in aborted("first", None)[0].phases[2])
-    run, report = aborted("second", entered["ACTUATING"] + 1)
-    (hazard,) = report.hazards
+    first = ran(tmp_path / "first")
+    entered = dict((phase, ms) for ms, phase in first.phases[2])
+    run = aborted(tmp_path / "second", at=entered["ACTUATING"] + 1)
+    (hazard,) = judge(run.logs()).hazards
     begin = dict((phase, ms) for ms, phase in run.phases[1])["ACTUATING"]
     assert run.left(2) + 2 < begin == hazard.since_ms and "before station 1 acts" in hazard.fault
     assert hazard.length is not None and hazard.excused and hazard.outcome == "within"
@@ -141,8 +146,7 @@ def test_a_target_may_be_gone_before_the_prescriber_acts(tmp_path: Path) -> None
 def test_t_2_cannot_be_told_where_the_clocks_leave_the_bound_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path)
     world = World(run.logs())
     elapsed = world.elapsed
 
@@ -170,8 +174,7 @@ def test_a_station_that_dies_leaves_a_log_that_stops(tmp_path: Path) -> None:
 
 
 def test_without_transmission_ids_the_hazard_is_the_same(tmp_path: Path) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path)
     run.logs()
     report = judge([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
     measured(only(report), run)
@@ -180,8 +183,7 @@ def test_without_transmission_ids_the_hazard_is_the_same(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("ahead", [7, 100_000])
 def test_the_clocks_of_the_stations_need_not_agree(tmp_path: Path, ahead: int) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path)
     one, _, three = run.logs()
     two = read(later(tmp_path / "2.ndjson", ahead))
     report = judge([one, two, three])
@@ -206,8 +208,7 @@ def at_of(forged: str) -> str:
 
 
 def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None:
-    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path)
     cam_of_2(run, CUT + 1000)
     report = judge(run.logs())
     (hazard,) = report.hazards
@@ -221,8 +222,7 @@ def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None
 
 def test_t_2_a_forged_cam_that_changes_nothing_is_not_named(tmp_path: Path) -> None:
     """The Cancel ends the hazard before the CAMs would be missed."""
-    run = Run(tmp_path, maneuver_ms=9000)
-    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run = aborted(tmp_path, drop=Run.drop)
     cam_of_2(run, CUT + 1)
     report = judge(run.logs())
     (hazard,) = report.hazards
@@ -271,12 +271,6 @@ def test_s_5_an_acceptance_forged_before_the_true_one_is_the_excuse(tmp_path: Pa
     assert hazard.since_ms == early and "acts before station 2 accepts" in hazard.fault
     assert hazard.excused and hazard.begun_by.startswith("Acceptance from 2, at ")
     assert hazard.outcome == "within" and property_of(report, "S-5") == "holds"
-
-
-def ran(folder: Path) -> Run:
-    run = Run(folder)
-    run.logs()
-    return run
 
 
 def test_t_2_says_nothing_where_a_copy_took_too_long(tmp_path: Path) -> None:

@@ -221,9 +221,3 @@ def test_a_copy_under_way_for_too_long_is_measured(tmp_path: Path) -> None:
     run = Run(tmp_path, channel=Channel(delay_ms=(0, 90), reorder=0.0))
     clocks = Clocks.of(merge(run.logs()))
     assert 80 <= clocks.slowest(0, 1) <= 90
-
-
-def test_the_corpus_merges() -> None:
-    folder = Path(__file__).parents[2] / "corpus" / "four-vehicles"
-    merged = merge([read(path) for path in sorted(folder.glob("*.ndjson"))])
-    assert merged.run == "seed-3" and merged.stations == [1001, 2002, 3003, 4004]

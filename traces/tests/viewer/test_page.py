@@ -12,17 +12,12 @@ from itertools import accumulate
 from pathlib import Path
 
 import pytest
-from merged_runs import killed, records, rewritten, simulated
+from merged_runs import records, rewritten, simulated
 from page_rows import (
     CORPUS,
     DELIVERED,
     DUPLICATE,
-    FORGED,
     FOUR,
-    IN_FLIGHT,
-    LOST,
-    SENDER_UNOBSERVED,
-    UNOBSERVED,
     Json,
     column,
     data_of,
@@ -41,7 +36,6 @@ from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.export.itf_log import from_log
-from automcm_traces.system.properties import judge
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import SCRIPTS, VIEWER, html
 from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load, of_runs
@@ -49,16 +43,6 @@ from automcm_traces.viewer.page_follow import EXPIRED, RESTARTED
 from automcm_traces.viewer.page_pack import compact
 
 HOSTILE = "|</script><img src=x onerror=alert(1)>\u202e\u0007\u2028\u05e9\u05dc"
-
-
-@pytest.fixture(scope="module")
-def lossy(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Two of three logs of a run with losses and second copies; the third is not there."""
-    folder = tmp_path_factory.mktemp("lossy")
-    simulated(folder, 1001, 2002, 3003, loss=0.2, duplicate=0.1, until=10_000)
-    killed(folder / "2002.ndjson", 8000)
-    (folder / "3003.ndjson").unlink()
-    return sorted(folder.iterdir())
 
 
 @pytest.mark.parametrize("more", ["", '{"rec":"event"}\n', FOUR[0].read_text().split("\n", 1)[1]])
@@ -108,44 +92,6 @@ def test_what_is_received_stands_below_where_it_was_sent() -> None:
         assert sent[2]["tx"] == received[2]["tx"]
         assert sent[0] == data["logs"][source]["station"]
         assert received[0] == data["logs"][to]["station"]
-
-
-def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
-    page = load(lossy)
-    data = as_dict(page)
-    arrows = fives(data["arrows"])
-    assert {kind for _, kind, *_ in arrows} >= {
-        0,
-        LOST,
-        DUPLICATE,
-        UNOBSERVED,
-        IN_FLIGHT,
-        SENDER_UNOBSERVED,
-    }
-    found, system = events(data), judge([read(path) for path in lossy])
-    for way, counts in system.deliveries.items():
-        source, to = map(int, way.split("-"))
-        places = [data["logs"][i]["station"] for i in (0, 1)] + data["runs"][0]["ghosts"]
-        mine = [
-            a for a in arrows if found[a[0]][0] == source and a[4] == places.index(to) and a[1] < 5
-        ]
-        assert len([a for a in mine if a[1] == LOST]) == counts.get("lost", 0), way
-        assert len([a for a in mine if a[1] == IN_FLIGHT]) == counts.get("in_flight", 0), way
-    unsent = [found[a[0]] for a in arrows if a[1] == SENDER_UNOBSERVED]
-    assert unsent and {3003} <= {event["message"]["src"] for *_, event in unsent} <= {2002, 3003}
-
-
-def test_a_message_that_nobody_sent_is_an_arrow_of_its_own(tmp_path: Path) -> None:
-    paths = []
-    for path in FOUR[:2]:
-        paths.append(tmp_path / path.name)
-        lines = records(path)
-        if path == FOUR[1]:
-            heard = (r["message"] for r in lines if r.get("ev") == "receive")
-            next(m for m in heard if m["src"] == 1001)["x"] = 1
-        rewritten(paths[-1], lines)
-    kinds = {a[1] for a in fives(as_dict(load(paths))["arrows"])}
-    assert FORGED in kinds
 
 
 @pytest.mark.parametrize("path", FOUR + sorted((CORPUS / "pair").glob("*.ndjson")))
@@ -242,13 +188,6 @@ def test_a_page_folds_the_rows_that_show_folds(path: Path) -> None:
     kept = [n for n, line in enumerate(lines) if not copy[n] and not flags[n] & OF_CAM]
     shown = folds(FilteredRows(Logs([path]), Filter()))
     assert [lines[n] + 2 for n in kept] == sorted(row.line for row, *_ in shown if row.event)
-
-
-def test_several_logs_are_also_judged_together() -> None:
-    data = data_of(html(load(FOUR)))
-    assert data["runs"][0]["system"] == json.loads(
-        json.dumps(judge([read(path) for path in FOUR]).as_dict())
-    )
 
 
 def test_the_operators_that_decided_are_there_and_no_others() -> None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from merged_runs import later, records, rewritten, simulated
-from page_rows import DELIVERED, DUPLICATE, OVERHEARD
+from page_rows import DELIVERED, DUPLICATE
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
 from automcm_spec.log_format.reader import Log, read
@@ -164,20 +164,6 @@ def test_a_damaged_log_is_compared_up_to_the_damage() -> None:
     data = as_dict(beside([CORPUS / "bad" / "rubbish_inside.ndjson"], FOUR[:1]))
     assert data["runs"][0]["verdicts"][0]["verdict"] == "unreadable"
     assert data["compared"]["stations"]
-
-
-def test_what_is_overheard_is_an_arrow_of_its_own(tmp_path: Path) -> None:
-    heard = records(PAIR[1])
-    sent = next(r for r in heard if r.get("ev") == "send" and r["message"].get("dst"))
-    third = records(FOUR[2])
-    third[0]["run"] = heard[0]["run"]
-    got = {"rec": "event", "t_ms": sent["t_ms"], "ev": "receive", "tx": sent["tx"]}
-    rewritten(tmp_path / "c.ndjson", [third[0], got | {"message": sent["message"]}, third[-1]])
-    data = as_dict(of_runs(load([PAIR[1], tmp_path / "c.ndjson"])))
-    found = events(data)
-    (arrow,) = [a for a in fives(data["arrows"]) if a[1] == OVERHEARD]
-    assert found[arrow[0]][2]["tx"] == sent["tx"] and arrow[2] > 0
-    assert [data["logs"][i]["station"] for i in arrow[3:]] == [2002, 3003]
 
 
 def test_two_events_that_differ_in_a_field_share_the_row_of_the_first_difference(
