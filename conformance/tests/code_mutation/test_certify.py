@@ -89,6 +89,14 @@ def test_there_are_enough_of_each_class(made: Generated) -> None:
         assert m.rule and m.old != m.new
 
 
+def test_a_name_that_names_nothing_is_an_error() -> None:
+    sources = [path_of(module).read_text(encoding="utf-8") for module in source_mutants.MODULES]
+    assert source_mutants.unnamed(sources) == set()
+    for name in ("_rearm", "cancel_peer", "MACHINES", "backoff_min"):
+        renamed = [re.sub(rf"\b{name}\b", "renamed", source) for source in sources]
+        assert source_mutants.unnamed(renamed) == {name}
+
+
 SCRIPTS = {
     "table": (
         "actuating",
@@ -453,11 +461,11 @@ def hidden(made: Generated, id_: str, folder: Path) -> bool:
 
 
 def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    right, graph = lockstep.unchanged(), load(GRAPHS["tight"].path)
-    other, same = AnyState(graph, VARIANTS[0]), right.AnyState(graph, right.VARIANTS[0])
-    assert other.extra_outcomes(other.at(0)) == same.extra_outcomes(same.at(0))
-    monkeypatch.setattr(other, "extra_outcomes", lambda state: ["another outcome"])
-    found = lockstep.distinguished(other, same)
+    walker = AnyState(load(GRAPHS["tight"].path), VARIANTS[0])
+    with lockstep.unchanged("tight", "0", ()) as right:
+        assert json.loads(json.dumps(lockstep.answers(walker, 0, None))) == right(0, True)
+        monkeypatch.setattr(walker, "extra_outcomes", lambda state: ["another outcome"])
+        found = lockstep.distinguished(walker, right)
     assert found is not None and found[2] == "an extra input"
 
 

@@ -9,6 +9,7 @@ Another task can follow (behaviour_digest.py):
                                             and the kinds of input, or nothing
     show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
     lockstep GRAPH VARIANT - [KIND]...      prints the first difference of outputs, or null
+    serve GRAPH VARIANT - [KIND]...         answers the questions of ``lockstep``
 
 The states of the special graph `forms` are messages; its inputs are their edge cases
 (accepted_forms.py).
@@ -94,11 +95,14 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
     if graph != "forms":
         oracle, chosen = load(GRAPHS[graph].path), behaviour_digest.VARIANTS[int(variant)]
         walked = behaviour_digest.AnyState(oracle, chosen)
-    if task == "lockstep":
+    if task in ("lockstep", "serve"):
         assert isinstance(walked, behaviour_digest.AnyState)
-        right = lockstep.unchanged()
-        other = right.AnyState(walked.oracle, right.VARIANTS[int(variant)])
-        print(json.dumps(lockstep.distinguished(walked, other, set(kinds) or None)))
+        if task == "serve":
+            for answer in lockstep.serve(walked, set(kinds) or None, sys.stdin):
+                print(answer, flush=True)
+            return
+        with lockstep.unchanged(graph, variant, kinds) as right:
+            print(json.dumps(lockstep.distinguished(walked, right, set(kinds) or None)))
     elif task == "write":
         behaviour_digest.write(walked, Path(about))
     elif task == "compare":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal, TypeVar, get_args
 
 from automcm_spec.vocabulary.application import Indication
@@ -72,6 +73,11 @@ _TWINS: tuple[tuple[str, ...], ...] = (
     ("quarantine", "backoff"),
 )
 """Fields that a programmer may confuse."""
+
+
+DEFINED = TIMER_PLACES | UNTOUCHED
+USED = frozenset((*COSTS, *_STATES, *_EFFECT_CALLS, *_NUMBERS, *chain(*_TWINS)))
+"""The names above: of definitions in the mutated modules, and of what these use."""
 
 
 @dataclass(frozen=True)

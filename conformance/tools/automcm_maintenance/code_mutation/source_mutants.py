@@ -19,7 +19,9 @@ import automcm_spec
 from automcm_maintenance.code_mutation.mutated_process import full_name
 from automcm_maintenance.code_mutation.source_edits import (
     CLASSES,
+    DEFINED,
     UNTOUCHED,
+    USED,
     Class,
     Place,
     TextEdit,
@@ -94,11 +96,32 @@ def path_of(module: str) -> Path:
 
 
 def generate(modules: Sequence[str] = MODULES) -> Generated:
-    """All mutants of these modules, in the order of their text.  Raises OSError, SyntaxError."""
+    """All mutants of these modules, in the order of their text.
+
+    Raises OSError, SyntaxError; ValueError if a name of ``source_edits`` or TYPES names nothing, so
+    that a renamed function is not mutated by other edits unseen.
+    """
+    if nothing := unnamed([path_of(name).read_text(encoding="utf-8") for name in MODULES]):
+        raise ValueError(f"source_edits: names nothing: {', '.join(sorted(nothing))}")
     found = Generated([])
     for name in modules:
         _mutants(name, path_of(name), found)
     return found
+
+
+def unnamed(sources: Sequence[str]) -> set[str]:
+    """The names of TYPES and ``source_edits`` that do not occur in these sources."""
+    defined: set[str] = set()
+    used: set[str] = set()
+    for node in (node for source in sources for node in ast.walk(ast.parse(source))):
+        match node:
+            case ast.FunctionDef(name) | ast.ClassDef(name):
+                defined.add(name)
+            case ast.Assign([ast.Name(name), *_]) | ast.AnnAssign(ast.Name(name)):
+                defined.add(name)
+            case ast.Name(name) | ast.Attribute(_, name) | ast.keyword(name) | ast.alias(name):
+                used.add(name or "")
+    return (TYPES | DEFINED) - defined | USED - used - defined
 
 
 def of_file(path: Path) -> list[SourceMutant]:
