@@ -121,7 +121,7 @@ def unnamed(sources: Sequence[str]) -> set[str]:
                 defined.add(name)
             case ast.Name(name) | ast.Attribute(_, name) | ast.keyword(name) | ast.alias(name):
                 used.add(name or "")
-    return (TYPES | DEFINED) - defined | USED - used - defined
+    return {*(TYPES | DEFINED) - defined, *USED - used - defined}
 
 
 def of_file(path: Path) -> list[SourceMutant]:
