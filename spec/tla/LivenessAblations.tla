@@ -28,4 +28,6 @@ ClosesEmpty(x) == TRUE
 
 \* For this nobody needs to accept, abort or proceed alone.
 OnlyRefusing        == {"request", "prescribe", "refuse"}
+OnlyAgreeing        == {"request", "prescribe", "accept"}
+OnlyAborting        == {"request", "abort"}
 ==============================================================================

@@ -1,19 +1,15 @@
 ----------------------------- MODULE ProbeStation -----------------------------
 (***************************************************************************)
-(* As Probe, for one station to which anything may happen (OpenStation):   *)
-(* every input in every state, also those that change nothing, so every    *)
-(* rule, refusal and indication.  What is printed comes from what Step     *)
-(* answered.  PNext is one action: it looks at all inputs of a state at    *)
-(* once, as that of OpenStation does, and no counterexample comes of it.   *)
+(* As Probe, for one station to which anything may happen: every input in  *)
+(* every state, also those that change nothing, so every rule, refusal and *)
+(* indication.  What is printed comes from the step that was taken.        *)
 (***************************************************************************)
-EXTENDS OpenStation
+EXTENDS StationProperties
 
+\* A register of TLC; one worker only.
 REACHED == 8
 
-PInit ==
-  /\ st = Initial
-  /\ TLCSet(ALPHABET, TLCEval(AsSeq(Alphabet)))
-  /\ TLCSet(REACHED, {})
+PInit == TLCSet(REACHED, {}) /\ SInit
 
 \* Which refusal of a command: the rule tells.
 Told(r) == IF r.told = Nothing THEN {}
@@ -22,7 +18,7 @@ Told(r) == IF r.told = Nothing THEN {}
 
 Reached(r) ==
   {"rule " \o r.rule}
-  \cup If(r.st # st, {"phase " \o r.st.role \o " " \o r.st.phase})
+  \cup If(st' # st, {"phase " \o st'.role \o " " \o st'.phase})
   \cup {"message " \o m.type : m \in r.out}
   \cup {"refusal " \o m.reason :
           m \in {k \in r.out : k.type = "Acceptance" /\ ~k.accepted}}
@@ -33,12 +29,7 @@ Note(things) ==
     /\ TLCSet(REACHED, TLCGet(REACHED) \cup new)
     /\ \A x \in new : PrintT(ToString(<<"REACHED", x>>))
 
-PNext ==
-  \E inputs \in {TLCGet(ALPHABET)} :
-  \E results \in {TLCEval({Step(Me, st, inputs[j]) :
-                    j \in {k \in 1 .. Len(inputs) : Offered(st, inputs[k])}})} :
-    /\ Note(UNION {Reached(r) : r \in results})
-    /\ \E r \in results : st' = r.st
+Noted == Note(Reached(last'))
 
-PSpec == PInit /\ [][PNext]_st
+PSpec == PInit /\ [][SNext]_<<st, last>>
 ==============================================================================

@@ -86,7 +86,7 @@ def behaviours(
         cfg.write_text(CONFIG.format(spec="LivelySpec" if lively else "AnySpec"))
         prefix = folder / "trace"
         extra = ["-simulate", f"file={prefix},num={number}", "-depth", str(depth)]
-        tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)])
+        tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)], short=True)
         files = sorted(folder.glob("trace_*"), key=_place)
         return [_behaviour(path.read_text()) for path in files]
 

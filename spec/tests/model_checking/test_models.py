@@ -185,7 +185,7 @@ def reached(cfg: str) -> set[str]:
 
 def test_probes_reach_every_rule_phase_type_and_refusal() -> None:
     one, closed = (
-        reached("probe_station"),
+        reached("station_properties"),
         reached("probe_system") | reached("probe_two_prescribers"),
     )
     unseen = {"END-4"} | set(rules.NO_GRAPH)  # END-4 is a guard: SameSession, S-7
@@ -214,7 +214,7 @@ ANSWER = '[] t[1] = "answer"     -> '
     ("probe", "deleted"),
     [
         (
-            "probe_station",
+            "station_properties",
             {
                 '[] t[1] = "hold"       -> OnHold(me, st)': "rule ADV-7",
                 '[] m.type = "Fin"           -> OnFin(me, st, m)': "told finished",

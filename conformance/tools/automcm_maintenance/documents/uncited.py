@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from automcm_spec.model_checking import models
 
-_STEP = "a step of the session, not a protection: `probe_station` must reach it"
+_STEP = "a step of the session, not a protection: `station_properties` must reach it"
 _NOTHING = "no effect on the station: the comparison gives every such input to every state"
 _TRAJECTORY = "about trajectories, which the specification does not contain"
 _APPLICATION = "a rule of the application, not of the station: the simulated drives check it"
