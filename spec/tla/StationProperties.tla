@@ -113,7 +113,8 @@ ParticipantsInv == Cardinality(st.recorded \cup st.withdrawn) <= MaxParticipants
 (***************************************************************************)
 (* S-13: what is sent reliably is sent again until it is acknowledged,     *)
 (* given up, or answered (REL-1); or, but for Fin and Cancel, its session  *)
-(* is over (END-1).  A restart forgets it (END-8).                         *)
+(* is over (END-1).  A restart forgets it (END-8).  Its resend timer sends *)
+(* it when it expires.                                                     *)
 (***************************************************************************)
 Reliable(m) == m.seq # 0 /\ m.type # "Advertisement"
 
@@ -125,6 +126,8 @@ Answers(e, i) ==
 
 KeptProp ==
   [][ LET i == last'.input IN
+      /\ i.kind = "expire" /\ i.timer[1] = "resend" =>
+           \E m \in last'.out : Entry(m) = i.timer[2]
       /\ \A m \in last'.out : Reliable(m) => Entry(m) \in st'.outbox
       /\ \A e \in st.outbox \ st'.outbox :
            \/ Answers(e, i)
@@ -158,6 +161,8 @@ RememberedProp ==
 (* S-16: whoever still is in a session that this station has ended learns  *)
 (* of it as soon as its Intention or its Acceptance arrives (ADV-5, NEG-6).*)
 (***************************************************************************)
+Mine(m) == m.dst = Me /\ In(st, m.session) /\ ~BreaksProtocol(Me, m)
+
 Asks(m) == m.type = "Intention" \/ (m.type = "Acceptance" /\ m.accepted)
 
 EndedProp ==
@@ -168,11 +173,87 @@ EndedProp ==
           /\ m.type \in {"Fin", "Cancel"}
           /\ m.dst = i.message.src /\ m.session = i.message.session ]_<<st, last>>
 
+(***************************************************************************)
+(* S-17: of each prescriber one session is remembered, and no forget timer *)
+(* runs for the session that the station is in (ADV-3, ADV-8).             *)
+(***************************************************************************)
+OnceInv ==
+  /\ \A j, k \in st.joined : j[1] = k[1] => j = k
+  /\ st.role = "receiver" => Forget(Peer(st)) \notin Armed(Me, st)
+
+(***************************************************************************)
+(* S-18: a CAM counts only if it is newer than the last one that counted   *)
+(* in this session (ACT-5).                                                *)
+(***************************************************************************)
+NewerProp ==
+  [][ LET i == last'.input IN
+      i.kind = "cam" /\ Timer("cam") \in last'.arm =>
+        /\ st'.heard
+        /\ st.heard => i.newer ]_<<st, last>>
+
+(***************************************************************************)
+(* S-19: a station that ends a session, or releases another from it, sends *)
+(* the others a Fin or a Cancel, reliably (END-1, PRE-2 to PRE-4, ACT-3);  *)
+(* but not to who has left, nor after the hold timer (ADV-7) or a restart. *)
+(***************************************************************************)
+Parts(x) == IF Bound(x) THEN Others(x) ELSE {}
+
+LeavingProp ==
+  [][ LET i == last'.input IN
+      \A p \in Parts(st) \ Parts(st') :
+        \/ i.kind = "restart"
+        \/ i.kind = "expire" /\ i.timer = Timer("hold")
+        \/ /\ i.kind = "receive" /\ i.message.src = p
+           /\ i.message.type \in {"Fin", "Cancel"}
+        \/ \E m \in last'.out :
+             /\ m.type \in {"Fin", "Cancel"} /\ Reliable(m)
+             /\ m.dst = p /\ m.session = st.session ]_<<st, last>>
+
+(***************************************************************************)
+(* S-20: whoever cancels in the window is not recorded in this session any *)
+(* more: it has withdrawn, or there is no room for another (END-2, MEM-1). *)
+(***************************************************************************)
+WithdrawnProp ==
+  [][ LET i == last'.input IN
+      st.phase = "ADVERTISING" /\ st'.phase = "ADVERTISING" =>
+        /\ st.withdrawn \subseteq st'.withdrawn
+        /\ /\ i.kind = "receive" /\ i.message.type = "Cancel" /\ Mine(i.message)
+           => i.message.src \in st'.withdrawn \/ ~RoomToRecord(st) ]_<<st, last>>
+
+(***************************************************************************)
+(* S-21: a message of the peer counts in any phase of its session: a newer *)
+(* Prescription is verified before the receiver acts (NEG-1), a refusal as *)
+(* `busy` or `unknown_session` (NEG-7), a Fin (ACT-3) and a Cancel (END-2) *)
+(* end the session.  An Advertisement that does not concern the station    *)
+(* changes nothing (ADV-3).                                                *)
+(***************************************************************************)
+EffectProp ==
+  [][ LET i == last'.input
+          m == i.message
+          peer == Mine(m) /\ m.src = Peer(st)
+      IN i.kind = "receive" =>
+        /\ m.type = "Advertisement" /\ ~i.concerned => st' = st
+        /\ /\ peer /\ m.type = "Prescription" /\ m.proposal > st.proposal
+           /\ st.phase \in {"INTENDING", "WAITING"}
+           => last'.told = <<"verify">>
+        /\ /\ peer /\ m.type = "Acceptance" /\ m.reason \in {"busy", "unknown_session"}
+           /\ AwaitsAnswer(st) /\ m.proposal = st.proposal
+           => ~Bound(st')
+        /\ /\ peer
+           /\ m.type = "Cancel" \/ (m.type = "Fin" /\ st.role = "receiver")
+           => ~Bound(st') ]_<<st, last>>
+
+(***************************************************************************)
+(* S-22: no lease runs while the prescriber decides on a further proposal. *)
+(***************************************************************************)
+DecidingInv == st.deciding => Timer("lease") \notin Armed(Me, st)
+
 SSpec == SInit /\ [][SNext]_<<st, last>>
 
-THEOREM SSpec => [](TypeInv /\ ParticipantsInv)
+THEOREM SSpec => [](TypeInv /\ ParticipantsInv /\ OnceInv /\ DecidingInv)
 THEOREM SSpec => ToldProp /\ ReasonProp /\ WordProp /\ KeptProp /\ AnewProp
-THEOREM SSpec => RememberedProp /\ EndedProp
+THEOREM SSpec => RememberedProp /\ EndedProp /\ NewerProp /\ LeavingProp
+THEOREM SSpec => WithdrawnProp /\ EffectProp
 
 \* A receiver that gets its Fin does not say so.
 FinishesSilently(me, x, m) ==
@@ -205,4 +286,65 @@ OnlyAcks(me, x, m, rule) == Effect(x, {Ack(me, m)}, Nothing, rule)
 
 \* Who has withdrawn is not counted.
 CountsTheRecorded(x) == Cardinality(x.recorded) < MaxParticipants
+
+\* The resend timer runs, and nothing is sent.
+SendsNothing(me, x, e) == Ignore(x, "REL-1")
+
+\* A newer session of a prescriber is joined, and the older one remembered.
+KeepsOlder(me, x, m, concerned) ==
+  LET i == Intention(me, m.session)
+      j == [x EXCEPT !.phase = "INTENDING", !.role = "receiver",
+                     !.session = m.session, !.joined = @ \cup {m.session}]
+  IN IF Bound(x) \/ ~NewerThanJoined(x, m.session) \/ ~concerned THEN Ignore(x, "ADV-3")
+     ELSE Effect(Post(j, {i}), {i}, Nothing, "ADV-3")
+
+\* The CAM that counted first is not remembered.
+HearsAnyAge(me, x, i) ==
+  IF x.phase = "ACTUATING" /\ OfPeer(x, i.src) /\ Marked(x, i.marks)
+  THEN [Ignore(x, "ACT-5") EXCEPT !.again = {Timer("cam")}]
+  ELSE Ignore(x, "ACT-5")
+
+\* A Prescription is given up, and nobody learns of it.
+GivesUpSilently(me, x, e) ==
+  IF e.type = "Prescription" THEN Effect(Leave(x), {}, <<"fallback", "timeout">>, "PRE-4")
+  ELSE GiveUpEntry(me, x, e)
+
+\* A withdrawal counts only after the Intention.
+ForgetsTheWithdrawn(me, x, m) ==
+  IF In(x, m.session) /\ x.phase = "ADVERTISING" /\ m.src \in x.recorded
+  THEN Effect([x EXCEPT !.recorded = @ \ {m.src}, !.withdrawn = @ \cup {m.src}],
+              {Ack(me, m)}, Nothing, "END-2")
+  ELSE Effect(x, {Ack(me, m)}, Nothing, "END-3")
+
+\* A Prescription counts only once the Intention is acknowledged.
+VerifiesWaiting(me, x, m) ==
+  IF In(x, m.session) /\ x.phase = "WAITING" /\ m.proposal > x.proposal
+  THEN Effect([x EXCEPT !.phase = "NEGOTIATING", !.proposal = m.proposal],
+              {Ack(me, m)}, <<"verify">>, "NEG-1")
+  ELSE Effect(x, AckCopy(me, m), Nothing, "NEG-1")
+
+\* A receiver that is refused as busy is asked again.
+ProposesAgain(me, x, m) ==
+  IF In(x, m.session) /\ AwaitsAnswer(x) /\ ~m.accepted
+  THEN Effect([x EXCEPT !.phase = "NEGOTIATING", !.deciding = TRUE,
+                        !.outbox = {e \in @ : e.type # "Prescription"}],
+              {}, <<"propose">>, "NEG-7")
+  ELSE AckIfReliable(me, x, m)
+
+\* A Fin counts only while the receiver acts.
+FinishesActing(me, x, m) ==
+  IF In(x, m.session) /\ x.phase = "ACTUATING" /\ x.role = "receiver"
+  THEN Effect(Leave(x), {Ack(me, m)}, <<"finished">>, "ACT-3")
+  ELSE Effect(x, AckCopy(me, m), Nothing, "END-3")
+
+\* A station joins, whether the session concerns it or not.
+JoinsAll(me, x, m, concerned) ==
+  LET i == Intention(me, m.session)
+      j == [x EXCEPT !.phase = "INTENDING", !.role = "receiver",
+                     !.session = m.session, !.joined = {m.session}]
+  IN IF Bound(x) \/ ~NewerThanJoined(x, m.session) THEN Ignore(x, "ADV-3")
+     ELSE Effect(Post(j, {i}), {i}, Nothing, "ADV-3")
+
+\* The lease runs from the first Acceptance on.
+LeaseWhileDeciding(x) == x.phase = "ACTUATING" \/ x.deciding
 ==============================================================================

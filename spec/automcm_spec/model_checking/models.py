@@ -41,6 +41,12 @@ PROPERTIES = {
     "S-14": "AnewProp",
     "S-15": "RememberedProp",
     "S-16": "EndedProp",
+    "S-17": "OnceInv",
+    "S-18": "NewerProp",
+    "S-19": "LeavingProp",
+    "S-20": "WithdrawnProp",
+    "S-21": "EffectProp",
+    "S-22": "DecidingInv",
     "N-1": "N1Prop",
     "N-2": "N2Prop",
     "N-3": "N3Prop",
@@ -255,8 +261,9 @@ def _config(model: Model) -> str:
                 raise ValueError(f"changes: {change} is what {model.base}.cfg says")
             lines[at] = line
         else:
-            last = max((n for n, old in enumerate(lines, 1) if old.startswith("  ")), default=1)
-            lines.insert(len(lines) if word.isupper() else last, line)
+            first = next((n for n, old in enumerate(lines) if old.startswith("  ")), 1)
+            after = (n for n, old in enumerate(lines) if n > first and not old.startswith("  "))
+            lines.insert(len(lines) if word.isupper() else next(after, len(lines)), line)
     if names := model.checks or ([] if model.breaks is None else [model.breaks]):
         lines = split("\n".join(lines))[0].splitlines()
         lines += [f"{_keyword(name)} {name}" for name in names]
