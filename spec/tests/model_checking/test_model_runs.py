@@ -11,8 +11,7 @@ SHARED = [[model.cfg for model in run] for run in model_runs.runs(models.load())
 
 def test_models_that_differ_in_operators_alone_share_a_run() -> None:
     assert ["bare_ack", "rejoin", "abandoned_acceptance"] in SHARED
-    one_station = ["finishes_silently", "always_aborts", "another_verdict", "withdrawn_not_counted"]
-    assert [*one_station, "cancels_once", "sent_twice", "ended_unheard"] in SHARED
+    assert [run for run in SHARED if {"finishes_silently", "sent_twice", "joins_all"} <= set(run)]
     together = {name for run in SHARED for name in run}
     assert not [n for n in together if QUICK[n].expect == "holds" or QUICK[n].property == "L-1"]
 
