@@ -54,8 +54,9 @@ def explain(
     logs = files_of("explain", logs)
     several = len(logs) > 1
     found = [explain_.judged_log(log, late, keep=several) for log in logs]
-    verdicts = explain_.verdicts(found)
-    system = explain_.together(found) if several else None
+    verdicts, system = explain_.verdicts(found), None
+    if several:
+        verdicts, system = explain_.verdicts_together(found)
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))

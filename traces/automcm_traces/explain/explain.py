@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -37,7 +38,8 @@ from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import TableRow
 from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.system.delivery import forged_receptions
-from automcm_traces.system.properties import SystemReport, judge
+from automcm_traces.system.log_merge import Merged, MergeError, merge
+from automcm_traces.system.properties import SystemReport, judge, judge_merged
 from automcm_traces.system.timeline import Recorder, Timeline
 
 Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
@@ -256,7 +258,18 @@ def _first_ms(ending: Ending, sessions: OwnSessions) -> int | None:
 
 def forged(logs: Sequence[Log]) -> dict[str, Finding]:
     """By file: the first received message that differs from the message its sender logged under the
-    same tx."""
+    same tx. The logs may be of several runs; those that cannot be merged are not compared."""
+    runs: dict[str, list[Log]] = defaultdict(list)
+    for log in logs:
+        runs[log.header.run].append(log)
+    found: dict[str, Finding] = {}
+    for run in runs.values():
+        with suppress(MergeError):
+            found |= _forged_in(merge(run))
+    return found
+
+
+def _forged_in(merged: Merged) -> dict[str, Finding]:
     return {
         file: Finding(
             "forged",
@@ -265,7 +278,7 @@ def forged(logs: Sequence[Log]) -> dict[str, Finding]:
             expected=tuple(_as_sent(original, e.message or {})) if original else (),
             observed=_forged_as(e, original),
         )
-        for file, (at, e, original) in forged_receptions(logs).items()
+        for file, (at, e, original) in forged_receptions(merged).items()
     }
 
 
@@ -338,12 +351,20 @@ def verdicts_of(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdi
 def verdicts(found: Sequence[JudgedLog]) -> list[Verdict]:
     """The verdicts; of several logs, one that received a forged message before any other problem
     diverges."""
-    return with_forged([one.verdict for one in found], _complete_logs(found))
+    logs = _complete_logs(found)
+    return _with_forged(found, forged(logs) if logs else {})
 
 
-def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdict]:
-    """The verdicts, updated for messages that were forged between these logs."""
-    foreign = forged(logs) if logs else {}
+def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], SystemReport]:
+    """The verdicts on the logs of one run, and the report on all together."""
+    try:
+        merged = merge(_complete_logs(found))
+    except MergeError:
+        return verdicts(found), together(found)
+    return _with_forged(found, _forged_in(merged)), judge_merged(merged, _timelines(found))
+
+
+def _with_forged(found: Sequence[JudgedLog], foreign: Mapping[str, Finding]) -> list[Verdict]:
     return [
         Verdict(
             v.file,
@@ -357,14 +378,17 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
         if (other := foreign.get(v.file)) is not None
         and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
         else v
-        for v in verdicts
+        for v in (one.verdict for one in found)
     ]
 
 
 def together(found: Sequence[JudgedLog]) -> SystemReport:
     """The system report on the logs of one run; unreadable logs are left out."""
-    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
-    return judge(_complete_logs(found), timelines)
+    return judge(_complete_logs(found), _timelines(found))
+
+
+def _timelines(found: Sequence[JudgedLog]) -> dict[str, Timeline]:
+    return {one.verdict.file: one.timeline for one in found if one.timeline is not None}
 
 
 def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:

@@ -1,10 +1,5 @@
-"""Logs as a table: a row for each event, a column for each station.
-
-The order is one possible order: it keeps the order of each log, and places a reception after its
-transmission. Where several orders are possible, the lower ``t_ms`` comes first, then the lower
-station. The clocks of stations need not agree, so only messages order the events of different
-stations.
-"""
+"""Logs as a table: a row for each event, a column for each station, in the order of
+``event_order``."""
 
 from __future__ import annotations
 
@@ -15,21 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.log_format.event_text import Kind, kind, safe, session_of, summary
-from automcm_spec.log_format.log import (
-    End,
-    Event,
-    Header,
-    Receive,
-    Send,
-    TimerArm,
-    TimerEnd,
-    transmission,
-)
+from automcm_spec.log_format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.system.copy_folding import OfCams
-from automcm_traces.system.fates import Arrow, Fate
-from automcm_traces.system.streamed_fates import StreamedFates
+from automcm_traces.system.event_order import Head, ordered
+from automcm_traces.system.fates import Arrow, Fate, Fates, head
+from automcm_traces.system.matching import Ledger, Matches
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +33,8 @@ class TableRow:
     yet received there, ``!2002`` rejected there, ``2nd`` a second copy of a transmission,
     ``forged`` never sent, ``for 2002`` overheard."""
     arrows: tuple[Arrow, ...] = ()
-    """The messages that arrive here, or that leave here and arrive nowhere."""
+    """The messages that arrive here, or that leave here and arrive nowhere, without their
+    places."""
     problem: bool = False
     """Whether the log cannot be read any further."""
 
@@ -103,22 +91,29 @@ class Logs:
         self.stations = tuple(sorted(self._paths))
 
     def rows(self) -> Iterator[TableRow]:
-        """All rows in one possible order, read lazily."""
-        fates = StreamedFates(self._paths)
-        feeds = {station: self._feed(station) for station in self.stations}
-        heads = {station: row for station in feeds if (row := next(feeds[station], None))}
-        times = dict.fromkeys(self.stations, 0)
-        while heads:
-            for station, row in heads.items():
-                times[station] = times[station] if row.event is None else row.event.t_ms
-            free = [s for s, row in heads.items() if not _waits(row, fates)]
-            station = min(free or heads, key=lambda s: (times[s], s))
-            row = heads.pop(station)
-            yield _noted(row, fates)
-            if (after := next(feeds[station], None)) is not None:
-                heads[station] = after
+        """All rows, read lazily: several logs twice, to match their messages."""
+        paths = [self._paths[station] for station in self.stations]
+        alone = len(paths) == 1
+        matches = Matches(
+            [Ledger.of_unread(path) if alone else Ledger.read(path) for path in paths]
+        )
+        fates = Fates(matches)
+        feeds = [self._feed(i, fates) for i in range(len(paths))]
+        for (row,) in ordered(feeds, matches.clocks.offsets()):
+            yield row
 
-    def _feed(self, station: int) -> Iterator[TableRow]:
+    def _feed(self, i: int, fates: Fates) -> Iterator[Head[TableRow]]:
+        k = t_ms = 0
+        for row in self._rows(self.stations[i]):
+            if row.event is None:
+                yield Head(row, (i, k), t_ms, note=True)
+                continue
+            arrows = fates.arrows((i, k), row.event)
+            plain = tuple(arrow.plain for arrow in arrows)
+            yield head(_noted(row, plain, fates, i), (i, k), row.event, arrows)
+            k, t_ms = k + 1, row.event.t_ms
+
+    def _rows(self, station: int) -> Iterator[TableRow]:
         try:
             for entry in records(self._paths[station], gaps=True):
                 match entry.record:
@@ -136,26 +131,17 @@ class Logs:
             yield TableRow(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 
 
-def _waits(row: TableRow, fates: StreamedFates) -> bool:
-    """Whether the row is the reception of a message that has yet to be sent."""
-    if not isinstance(row.event, Receive) or row.event.tx is None:
-        return False
-    sender, number = transmission(row.event.tx)
-    return sender != row.station and fates.is_ahead(sender, number)
-
-
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}
 
 
-def _noted(row: TableRow, fates: StreamedFates) -> TableRow:
+def _noted(row: TableRow, arrows: tuple[Arrow, ...], fates: Fates, i: int) -> TableRow:
     """The row with the fates of its message."""
-    if not isinstance(row.event, Send | Receive):
-        return row
-    arrows = fates.arrows(row.station, row.event)
     if isinstance(row.event, Send):
         notes = [f"{_MARKS[a.fate]}{a.to}" for a in arrows if a.fate in _MARKS]
-        notes += [f"!{to}" for to in fates.rejected_by(row.station, row.event)]
+        notes += [f"!{to}" for to in fates.rejecters(i, row.event)]
         return replace(row, notes=tuple(notes), arrows=arrows)
+    if not isinstance(row.event, Receive):
+        return row
     marks = {"forged": "forged", "duplicated": "2nd"}
     notes = [marks[a.fate] for a in arrows if a.fate in marks]
     m = row.event.message

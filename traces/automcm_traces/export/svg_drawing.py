@@ -1,9 +1,8 @@
 """Draws a run as SVG: a line for each station, time downwards, an arrow for each message.
 
-Events are ordered by time, with aligned clocks. Where a reception would still come before its
-transmission, they follow the partial order. Times count from the first event. Copies of a message
-are one arrow. Time between events takes no space; a break marks a long wait. The line of a
-station is thick while it acts. CAMs are left out. A legend says what the lines mean.
+Times count from the first event, with aligned clocks. Copies of a message are one arrow. Time
+between events takes no space; a break marks a long wait. The line of a station is thick while it
+acts. CAMs are left out. A legend says what the lines mean.
 """
 
 from __future__ import annotations
@@ -15,10 +14,9 @@ from html import escape
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
 from automcm_traces.system.copy_folding import Fold, Key, folded, key_of, new_phase
-from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.event_order import Node
 from automcm_traces.system.fates import ANYONE, Arrow
-from automcm_traces.system.log_clocks import Clocks
-from automcm_traces.system.log_merge import Merged, Node
+from automcm_traces.system.log_merge import Merged
 
 COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160
 """In pixels: between stations, between events, above the first event, left of the first station."""
@@ -63,16 +61,14 @@ def drawing(
     With ``absolute``, times are those of the logs, each on its own clock. With ``unfold``, each
     copy of a message is an arrow.
     """
-    clocks = Clocks.of(merged)
-    arrows = [a for a in Deliveries(merged, clocks).arrows() if _drawn(merged, a)]
+    arrows = [a for of in merged.arrows.values() for a in of if _drawn(merged, a)]
     named = {station for a in arrows for station in (a.source, a.to)}
     stations = sorted({*merged.stations, *named} - {ANYONE})
     phases = _phases(merged)
-    starts = clocks.starts(merged)
-    ordered = _ordered(merged, starts)
-    folds = _folded(merged, arrows, phases, ordered, unfold)
+    starts = merged.clocks.starts(merged.logs)
+    folds = _folded(merged, arrows, phases, unfold)
     ends = {node for fold in folds for node in (fold.first.leaves, fold.first.arrives)}
-    shown = [n for n in ordered if n in phases or n in ends]
+    shown = [n for n in merged.order if n in phases or n in ends]
     times = [merged.event(n).t_ms - starts[n[0]] for n in shown]
     places = _Places({station: LEFT + k * COLUMN for k, station in enumerate(stations)}, {})
     breaks: list[tuple[float, int]] = []
@@ -136,11 +132,10 @@ def _folded(
     merged: Merged,
     arrows: list[Arrow],
     phases: dict[Node, str],
-    ordered: list[Node],
     unfold: bool,
 ) -> list[Fold[Arrow]]:
     """The arrows in the order of their starts; copies between two changes of phase are one."""
-    row_of = {node: row for row, node in enumerate(ordered)}
+    row_of = {node: row for row, node in enumerate(merged.order)}
     items: list[tuple[int, Arrow | None]] = [(row_of[node], None) for node in phases]
     items += [(row_of[_start(arrow)], arrow) for arrow in arrows]
     items.sort(key=lambda item: (item[0], item[1] is not None))
@@ -156,15 +151,6 @@ def _folded(
         for fold in folded(items, key)
         if fold.first[1] is not None and fold.last[1] is not None
     ]
-
-
-def _ordered(merged: Merged, starts: list[int]) -> list[Node]:
-    def time(node: Node) -> int:
-        return merged.event(node).t_ms - starts[node[0]]
-
-    if any(time(to) < time(match.sent) for to, match in merged.matches.items()):
-        return merged.order
-    return sorted(merged.order, key=time)
 
 
 def _drawn(merged: Merged, arrow: Arrow) -> bool:

@@ -10,7 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import Event, Receive, Send, TimerArm, TimerEnd
-from automcm_traces.system.log_merge import content
+from automcm_traces.system.matching import content
 
 Item = TypeVar("Item")
 

@@ -1,24 +1,22 @@
 """Decides the fate of each message: delivered, duplicated, lost, overheard, unobserved, in flight,
 forged, or rejected.
 
-The decision needs facts, not logs: ``delivery`` takes them from logs in memory, ``streamed_fates``
-from logs of any length. A copy that no log shows as received counts as lost only if the addressee's
-log promises all received messages and continues for longer than ``t_life`` after the transmission.
-After that time no copy is left (docs/protocol.md, section 3).
+A copy that no log shows as received counts as lost only if the addressee's log promises all
+received messages and continues for longer than ``t_life`` after the transmission. After that time
+no copy is left (docs/protocol.md, section 3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple, get_args
 
-from automcm_spec.log_format.log import Header, Send, transmission
-from automcm_spec.log_format.reader import Log
+from automcm_spec.log_format.log import Event, Receive, Send, transmission
+from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.vocabulary.messages import Fields
-from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.system.log_clocks import Clocks
-from automcm_traces.system.log_merge import Node
+from automcm_traces.system.event_order import Head, Item, Node
+from automcm_traces.system.matching import NOBODY, Ledger, Match, Matches, sender_of
 
 Fate = Literal[
     "delivered",
@@ -38,7 +36,7 @@ WORDS = {"duplicated": "duplicate", "in_flight": "in flight"} | {
     "sender_unobserved": "sender unobserved"
 }
 """The fates whose text differs from their name."""
-ANYONE = 0
+ANYONE = NOBODY
 """The addressee of a broadcast that no other log can show, and the sender of bytes that are not a
 message."""
 
@@ -46,7 +44,7 @@ message."""
 class Arrow(NamedTuple):
     """A message, or one copy of it, on its way to one station.
 
-    ``leaves`` and ``arrives`` are known for logs in memory, as far as the logs show them.
+    ``leaves`` and ``arrives`` are known as far as the logs show them.
     """
 
     source: int
@@ -56,6 +54,11 @@ class Arrow(NamedTuple):
     arrives: Node | None = None
     reason: str = ""
     """Why it was rejected, as logged."""
+
+    @property
+    def plain(self) -> Arrow:
+        """The same without its places: equal for copies with the same fate."""
+        return self._replace(leaves=None, arrives=None)
 
     @property
     def word(self) -> str:
@@ -68,113 +71,124 @@ class Arrow(NamedTuple):
         return found | {"reason": self.reason} if self.reason else found
 
 
-@dataclass(frozen=True, slots=True)
-class Promised:
-    """The messages that a log promises to contain."""
-
-    file: str
-    sends: bool
-    receives: bool
-    """Whether it contains all messages between its first and its last event."""
-    ended: bool
-    """Whether it has an end record; without one, events may be missing at the end."""
-    first_ms: int
-    last_ms: int
-    t_life: int
-    last_sent: int
-    """The highest transmission number."""
-
-    @staticmethod
-    def by(
-        file: str,
-        header: Header,
-        span: tuple[int, int],
-        last_sent: int,
-        lost: int | None,
-        mid_session: bool = False,
-    ) -> Promised:
-        """The coverage of a log from the first to the last time in ``span``. ``lost`` is the number
-        of lost records in the end record; None without one. A log that begins in mid-session
-        promises nothing: its station may have sent and received more before."""
-        life = header.known.get("t_life", Parameters().t_life)
-        whole = not (lost or mid_session)
-        sends, receives = (whole and kind in header.complete for kind in ("send", "receive"))
-        return Promised(file, sends, receives, lost is not None, *span, life, last_sent)
-
-    @staticmethod
-    def of(log: Log) -> Promised:
-        """The coverage of a log in memory."""
-        numbers = [transmission(e.tx)[1] for _, e in log.events if isinstance(e, Send)]
-        span = (log.events[0][1].t_ms, log.events[-1][1].t_ms) if log.events else (0, 0)
-        lost = None if log.end is None else log.end.lost_records
-        last = max(numbers, default=0)
-        return Promised.by(log.file, log.header, span, last, lost, log.mid_session)
-
-    def not_sent(self, tx: str | None, logged: bool) -> str | None:
-        """Why a received message without a matching transmission was certainly not sent.
-
-        ``logged`` is whether the log has another message under this tx. None if the message may
-        have been sent: the log is not complete, or ends earlier.
-        """
-        if not self.sends:
-            return None
-        if logged:
-            return f"{self.file} has another message under this tx"
-        if not self.ended and (tx is None or transmission(tx)[1] > self.last_sent):
-            return None
-        return f"{self.file} contains no such sent message"
+def head(item: Item, node: Node, event: Event, arrows: Sequence[Arrow]) -> Head[Item]:
+    """An event in the order of all: a reception comes after its transmission."""
+    if not isinstance(event, Receive) or not arrows:
+        return Head(item, node, event.t_ms)
+    sure = event.rejected is None and event.tx is not None
+    return Head(item, node, event.t_ms, arrows[0].leaves, sure)
 
 
 class Fates:
-    """The fates of the messages between logs, given in the order of ``clocks``."""
+    """The fates of the messages of one run. Takes the events of each log in order."""
 
-    def __init__(self, logs: Mapping[int, Promised], clocks: Clocks) -> None:
-        self._logs, self._clocks = logs, clocks
-        self._places = {station: i for i, station in enumerate(logs)}
+    def __init__(self, matches: Matches) -> None:
+        self._matches = matches
+        self.forged: dict[Node, str] = {}
+        """Why certain received messages cannot have been sent."""
+        self._sent, self._received = [0] * len(matches.ledgers), [0] * len(matches.ledgers)
+        """The number of messages so far, by log."""
+        self._own = Numbers()
+        """The numbers that the only log has sent so far, if it has not been read before."""
+        self._copies: dict[tuple[int, int], Numbers] = defaultdict(Numbers)
+        """By receiver and sender, the numbers received so far without a matching transmission."""
 
-    def not_received(self, sender: int, t_ms: int, to: int) -> Fate:
+    def arrows(self, node: Node, event: Event) -> tuple[Arrow, ...]:
+        """The arrows of the next event of a log. An arrow belongs to the event where it arrives,
+        or, if it never does, to the one where it leaves.
+
+        A station's own messages that it receives (echoes) have none.
+        """
+        if isinstance(event, Send):
+            return tuple(self._arrows_of(node, event))
+        arrow = self._arrow_of(node, event) if isinstance(event, Receive) else None
+        return () if arrow is None else (arrow,)
+
+    def rejecters(self, i: int, event: Send) -> list[int]:
+        """The addressees that rejected the last message of a log and received no copy of it."""
+        n, stations = self._sent[i] - 1, self._matches.stations
+        places = self._matches.places
+        logs = [(to, self._log(to)) for to in addressees(stations[i], event.message, stations)
+                if to in places]  # fmt: skip
+        return [to for to, log in logs if n in log.refused[i] and n not in log.arrived[i]]
+
+    def _log(self, station: int) -> Ledger:
+        return self._matches.ledgers[self._matches.places[station]]
+
+    def _arrows_of(self, node: Node, event: Send) -> Iterator[Arrow]:
+        """The arrows of a sent message to the addressees that never received it."""
+        i, n = node[0], self._sent[node[0]]
+        self._sent[i] += 1
+        me, places = self._matches.stations[i], self._matches.places
+        if self._matches.ledgers[i].unread:
+            self._own.add(transmission(event.tx)[1])
+        for to in addressees(me, event.message, self._matches.stations):
+            log = self._log(to) if to in places else None
+            if log is None or (n not in log.arrived[i] and n not in log.refused[i]):
+                yield Arrow(me, to, self._not_received(i, event.t_ms, to), node)
+
+    def _not_received(self, i: int, t_ms: int, to: int) -> Fate:
         """The fate of a message that its addressee's log does not contain."""
-        log, i = self._logs.get(to), self._places[sender]
-        if log is None or not log.receives:
+        j, clocks = self._matches.places.get(to), self._matches.clocks
+        log = None if j is None else self._matches.ledgers[j].promised
+        if j is None or log is None or not log.receives:
             return "unobserved"
-        j = self._places[to]
-        began = self._clocks.between(i, t_ms, j, log.first_ms)
+        began = clocks.between(i, t_ms, j, log.first_ms)
         if began is not None and began.low > 0:
             return "unobserved"  # the log begins later
-        gone = self._clocks.between(i, t_ms, j, log.last_ms)
+        gone = clocks.between(i, t_ms, j, log.last_ms)
         return "lost" if gone is not None and gone.low > log.t_life else "in_flight"
 
-    def received(self, again: bool, addressed: bool) -> Fate:
-        """The fate of a message whose transmission is logged; ``again`` if another copy of it was
-        received before."""
-        return "duplicated" if again else "delivered" if addressed else "overheard"
+    def _arrow_of(self, node: Node, event: Receive) -> Arrow | None:
+        """The arrow of a received message; None for an echo."""
+        me, m, tx = self._matches.stations[node[0]], event.message, event.tx
+        if event.rejected is not None:
+            sent = None if tx is None else self._matches.find(tx)
+            leaves = sent if sent is not None and sent[0] != node[0] else None
+            source = self._rejected_from(me, tx, sent is not None)
+            return Arrow(source, me, "rejected", leaves, node, event.rejected)
+        if m is None:
+            return Arrow(ANYONE, me, "sender_unobserved", None, node)
+        match = self._match(node[0])
+        if match is None:
+            unmatched = self._unmatched(node, m, tx)
+            return None if unmatched is None else Arrow(source_of(m), me, unmatched, None, node)
+        source = self._matches.stations[match.sent[0]]
+        addressed = me in addressees(source, m, self._matches.stations)
+        fate: Fate = "duplicated" if match.again else "delivered" if addressed else "overheard"
+        return None if source == me else Arrow(source, me, fate, match.sent, node)
 
-    def unmatched(
-        self, receiver: int, sender: int | None, tx: str | None, logged: bool, again: bool
-    ) -> tuple[Fate | None, str]:
-        """The fate of a message whose transmission is not logged, and the reason; None for an echo.
+    def _match(self, i: int) -> Match | None:
+        if self._matches.ledgers[i].unread:
+            return None
+        n = self._received[i]
+        self._received[i] += 1
+        return self._matches.match(i, n)
 
-        ``again`` is whether a copy with this tx was received before.
-        """
-        log = None if sender is None else self._logs.get(sender)
-        if log is None:
-            why = f"no log of station {sender}"
-        elif sender == receiver and tx is None:
-            return None, "an echo"
-        else:
-            forged = log.not_sent(tx, logged)
-            if forged is not None:
-                return "forged", forged
-            why = f"{log.file} may lack sent messages"
-        return "duplicated" if again else "sender_unobserved", why
+    def _unmatched(self, node: Node, m: Fields, tx: str | None) -> Fate | None:
+        """The fate of a message whose transmission is not logged; None for an echo."""
+        me, sender = self._matches.stations[node[0]], sender_of(m, tx)
+        again = logged = False
+        if sender is not None and tx is not None:
+            again = not self._copies[me, sender].add(transmission(tx)[1])
+            logged = self._matches.find(tx) is not None
+        if sender in self._matches.places:
+            if sender == me and (tx is None or transmission(tx)[1] in self._own):
+                return None
+            why = self._log(sender).promised.not_sent(tx, logged)
+            if why is not None:
+                self.forged[node] = why
+                return "forged"
+        return "duplicated" if again else "sender_unobserved"
 
-    def rejected_from(self, receiver: int, tx: str | None, logged: bool) -> int:
+    def _rejected_from(self, receiver: int, tx: str | None, logged: bool) -> int:
         """The sender of a rejected datagram according to its ``tx``, which is not signed. ANYONE
         if it names none, or one that certainly did not send it. ``logged`` is whether a log
         contains that transmission."""
         sender = ANYONE if tx is None else transmission(tx)[0]
-        log = self._logs.get(sender)
-        if log is not None and (sender == receiver or (not logged and log.not_sent(tx, False))):
+        if sender in self._matches.places and (
+            sender == receiver or (not logged and self._log(sender).promised.not_sent(tx, False))
+        ):
             return ANYONE
         return sender
 
@@ -186,14 +200,6 @@ def addressees(sender: int, message: Fields, stations: Sequence[int]) -> list[in
     if type(dst) is int and dst > 0:
         return [dst] if dst != sender else []
     return [s for s in stations if s != sender] or [ANYONE]
-
-
-def sender_of(message: Fields, tx: str | None) -> int | None:
-    """The station that sent a received message, by its tx, or as the message says."""
-    if tx is not None:
-        return transmission(tx)[0]
-    src = message.get("src")
-    return src if type(src) is int else None
 
 
 def source_of(message: Fields | None) -> int:

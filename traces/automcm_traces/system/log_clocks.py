@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from automcm_traces.system.log_merge import Merged
+from automcm_spec.log_format.reader import Log
 
 Bounds = list[list[float]]
 
@@ -86,15 +86,6 @@ class Clocks:
         fits = all(closed[i][i] >= 0 for i in range(n))
         self._assumed = closed if fits else self._sure
 
-    @staticmethod
-    def of(merged: Merged) -> Clocks:
-        """The clocks of merged logs."""
-        travels = Travels([log.header.longest_delay for log in merged.logs])
-        for node, match in merged.matches.items():
-            ms = merged.event(node).t_ms - merged.event(match.first).t_ms
-            travels.add(match.sent[0], node[0], ms, match.sure)
-        return Clocks(travels)
-
     def ahead(self, i: int, j: int) -> Span | None:
         """How far the clock of log ``j`` is ahead of that of log ``i``; None if unknown.
 
@@ -117,10 +108,10 @@ class Clocks:
         spans = [self.ahead(0, i) for i in range(len(self.delay_ms))]
         return [0 if span is None else span.best for span in spans]
 
-    def starts(self, merged: Merged) -> list[int]:
+    def starts(self, logs: Sequence[Log]) -> list[int]:
         """For each log, the time of the first event of all logs, on its own clock."""
         offsets = self.offsets()
-        pairs = zip(merged.logs, offsets, strict=True)
+        pairs = zip(logs, offsets, strict=True)
         first = min((log.events[0][1].t_ms - o for log, o in pairs if log.events), default=0)
         return [first + offset for offset in offsets]
 

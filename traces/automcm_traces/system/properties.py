@@ -20,7 +20,7 @@ from automcm_spec.support.bad_input import printable
 from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard
-from automcm_traces.system.log_merge import MergeError
+from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.timeline import Moment, Period, Timeline
 from automcm_traces.system.world import World
 
@@ -177,12 +177,14 @@ def judge(logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None) 
     """
     files = tuple(log.file for log in logs)
     try:
-        return _report(World(logs, timelines))
+        return judge_merged(merge(logs), timelines)
     except MergeError as error:
         return SystemReport(files=files, problem=str(error))
 
 
-def _report(world: World) -> SystemReport:
+def judge_merged(merged: Merged, timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
+    """``judge`` for logs that are merged already."""
+    world = World(merged, timelines)
     lines = list(world.timelines.values())
     partly = [f"nothing after {t.why}" for t in lines if t.ending in ("diverges", "cannot_tell")]
     no_hazard, bounds, hazards = _hazards(world)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from automcm_spec.log_format.log import (
     ApplicationIndication,
@@ -14,8 +14,8 @@ from automcm_spec.log_format.log import (
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.delivery import Deliveries, Forged
-from automcm_traces.system.log_clocks import Clocks, Span
-from automcm_traces.system.log_merge import Merged, merge
+from automcm_traces.system.log_clocks import Span
+from automcm_traces.system.log_merge import Merged
 from automcm_traces.system.timeline import (
     Moment,
     Period,
@@ -28,18 +28,13 @@ from automcm_traces.system.timeline import (
 
 
 class World:
-    """The timelines of the stations, and the order and time between their events.
+    """The timelines of the stations, and the order and time between their events."""
 
-    Raises MergeError if the logs are not of one run.
-    """
-
-    def __init__(
-        self, logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None
-    ) -> None:
-        self.merged: Merged = merge(logs)
+    def __init__(self, merged: Merged, timelines: Mapping[str, Timeline] | None = None) -> None:
+        self.merged = merged
         known = timelines or {}
-        self.clocks = Clocks.of(self.merged)
-        self.deliveries = Deliveries(self.merged, self.clocks)
+        self.clocks = self.merged.clocks
+        self.deliveries = Deliveries(self.merged)
         self.timelines = {
             log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs
         }

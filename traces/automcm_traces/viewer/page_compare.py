@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from automcm_spec.log_format.reader import Log
 from automcm_traces.edit.canonical_log import CanonicalEvent
 from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
-from automcm_traces.system.log_merge import Node
+from automcm_traces.system.event_order import Node
 from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import PageRun
 

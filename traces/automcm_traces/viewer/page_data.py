@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
@@ -20,14 +20,11 @@ from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
 from automcm_traces.system.copy_folding import Key, OfCams, folded, key_of, new_phase
-from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.event_order import Head, Node, ordered
 from automcm_traces.system.fates import FATES, Arrow
-from automcm_traces.system.log_clocks import Clocks
-from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare
 from automcm_traces.viewer.page_follow import StateHistory
-from automcm_traces.viewer.page_order import order
 from automcm_traces.viewer.page_pack import PackedTable, Shapes
 from automcm_traces.viewer.page_part import PagePart
 from automcm_traces.viewer.page_run import PageRun
@@ -87,31 +84,37 @@ def of_runs(
     note = " ".join(run.note for run in (a, b) if run is not None and run.note)
     comparison = None if b is None else compare(a, b, stations)
     runs = [a] if b is None else [a, b]
-    needs: dict[Node, Node] = {}
-    first = 0
-    for run in runs:
-        for (i, k), match in run.merged.matches.items():
-            needs[first + i, k] = (first + match.first[0], match.first[1])
-        for (i, k), sent in run.merged.rejected.items():
-            if not run.merged.before((i, k), sent):
-                needs[first + i, k] = (first + sent[0], sent[1])
-        first += len(run.logs)
     ahead = a.ahead() if comparison is None else comparison.ahead
     page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
     page.comparison = comparison
     page.note = note
     beside = {} if comparison is None else comparison.beside
-    for nodes in order(page.logs, needs, ahead, beside):
+    firsts = [0, len(a.logs)]
+    feeds = [
+        _feed(run, i, first, b is not None)
+        for run, first in zip(runs, firsts, strict=False)
+        for i in range(len(run.logs))
+    ]
+    for nodes in ordered(feeds, ahead, beside):
         page.nodes += nodes
         if len(nodes) == 2:
             page.beside.add(len(page.nodes) - 1)
     return page
 
 
+def _feed(run: PageRun, i: int, first: int, compared: bool) -> Iterator[Head[Node]]:
+    """The events of a log of a run whose first log has index ``first``. Where two runs are
+    ``compared``, which leaves out CAMs, the rows of others may contradict their order."""
+    for (_, k), _, t_ms, needs, sure, _ in run.merged.feed(i):
+        node = first + i, k
+        sure = sure and not (compared and run.logs[i].events[k][1].is_cam)
+        yield Head(node, node, t_ms, needs and (first + needs[0], needs[1]), sure)
+
+
 def as_dict(page: Page) -> dict[str, Json]:
     """All data of the page, as ``viewer/data.js`` reads it."""
     strings, shapes = PackedTable(), Shapes()
-    arrows = [list(Deliveries(run.merged, Clocks.of(run.merged)).arrows()) for run in page.runs]
+    arrows = [[a for of in run.merged.arrows.values() for a in of] for run in page.runs]
     rows = _rows(page, strings, shapes, _fates(page, arrows))
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]
@@ -294,8 +297,7 @@ def _fates(page: Page, arrows: list[list[Arrow]]) -> dict[Node, frozenset[Arrow]
             both = arrow.fate == "rejected"
             for node in {arrow.leaves if both else None, arrow.arrives or arrow.leaves} - {None}:
                 assert node is not None
-                fate = arrow._replace(leaves=None, arrives=None)
-                found[first + node[0], node[1]] |= {fate}
+                found[first + node[0], node[1]] |= {arrow.plain}
         first += len(run.logs)
     return found
 

@@ -15,8 +15,7 @@ from automcm_spec.log_format.log import Receive, Send, transmission
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
-from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, together, verdicts
-from automcm_traces.system.log_clocks import Clocks
+from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, verdicts_together
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
 from automcm_traces.viewer.page_follow import StateHistory, States
@@ -68,7 +67,7 @@ class PageRun:
 
     def ahead(self) -> list[int]:
         """For each log, how many ms its clock is most likely ahead of the first one."""
-        return Clocks.of(self.merged).offsets()
+        return self.merged.clocks.offsets()
 
     def judged(self) -> dict[str, Json]:
         """The verdicts, and the report on all logs together."""
@@ -133,8 +132,9 @@ def load(
         merged = merge([_unpromised(log) if part else log for _, log in logs])
     except MergeError as error:
         raise PageError(str(error)) from None
-    alone = [one.verdict for one in found]
-    judged = part is None and len(paths) > 1
+    judged, system = [one.verdict for one in found], None
+    if part is None and len(paths) > 1:
+        judged, system = verdicts_together(found)
     named = sorted(_named(merged) - set(merged.stations))
     crowded = len(named) > GHOSTS
     of_file = {log.file: (path, log) for path, log in logs}
@@ -143,8 +143,8 @@ def load(
     ghosts = [] if crowded else named
     run = PageRun(
         merged,
-        verdicts(found) if judged else alone,
-        together(found) if judged else None,
+        judged,
+        system,
         histories,
         ghosts,
         crowded,

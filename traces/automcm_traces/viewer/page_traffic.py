@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from automcm_spec.log_format.reader import Log
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.system.log_merge import Node
+from automcm_traces.system.event_order import Node
 
 Json = Any
 Positive = Annotated[int, Field(ge=1)]

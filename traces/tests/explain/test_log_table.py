@@ -65,7 +65,7 @@ def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None
         log(tmp_path, 7, event("restart", 9000), event("send", 9000, tx="7:1", message=fin(7, 8))),
         log(tmp_path, 8, event("restart", 3), event("receive", 5, tx="7:1", message=fin(7, 8))),
     ]
-    assert placed(rows(*paths)) == [(8, 2), (7, 2), (7, 3), (8, 3)]
+    assert placed(rows(*paths)) == [(7, 2), (7, 3), (8, 2), (8, 3)]
 
 
 @pytest.mark.sweep(1)

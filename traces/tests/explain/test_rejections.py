@@ -16,7 +16,6 @@ from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
 from automcm_traces.explain.rejections import CAUSES, QUESTIONS, cause_of
 from automcm_traces.system.delivery import Deliveries
-from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer.page_data import as_dict, load
@@ -149,7 +148,7 @@ def test_a_forged_tx_orders_nothing(tmp_path: Path) -> None:
         rewritten(path, lines)
     merged = merge([read(path) for path in paths])
     assert not merged.cycles and merged.matches == before.matches
-    assert Clocks.of(merged).starts(merged) == Clocks.of(before).starts(before)
+    assert merged.clocks.starts(merged.logs) == before.clocks.starts(before.logs)
     data = as_dict(load(paths))
     rows, arrows = events(data), fives(data["arrows"])
     assert sum("rejected" in rows[row + down][2] for row, _, down, *_ in arrows) == 26
@@ -159,10 +158,10 @@ def test_a_forged_tx_orders_nothing(tmp_path: Path) -> None:
 
 def test_what_was_accepted_too_is_delivered() -> None:
     merged = merge([read(path) for path in SECURED])
-    of = {d.sent: d.outcome for d in Deliveries(merged, Clocks.of(merged)).all}
-    named = {sent: merged.event(at).rejected for at, sent in merged.rejected.items()}  # type: ignore[union-attr]
-    assert {of[sent] for sent, reason in named.items() if reason == "replayed"} == {"delivered"}
-    assert {of[sent] for sent, reason in named.items() if reason == "bad_signature"} == {"rejected"}
+    of = {d.sent: d.outcome for d in Deliveries(merged).all}
+    named = [(a.leaves, a.reason) for arrows in merged.arrows.values() for a in arrows if a.leaves]
+    assert {of[sent] for sent, reason in named if reason == "replayed"} == {"delivered"}
+    assert {of[sent] for sent, reason in named if reason == "bad_signature"} == {"rejected"}
 
 
 def test_datagrams_rejected_for_the_same_reason_fold(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def test_each_message_received_has_an_arrow_and_each_lost_one_a_cross() -> None:
         for node in merged.order
         if isinstance(e := merged.event(node), Send) and e.message["type"] != "CAM"
     )
-    twice = len(merged.again)
+    twice = sum(match.again for match in merged.matches.values())
     assert 0 < len(crosses) <= sent - len(heads) + twice
     assert len(parts(text, "text")) > drawn(merged, Send)
 

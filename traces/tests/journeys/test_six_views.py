@@ -33,8 +33,7 @@ from automcm_traces.export.mermaid import diagram
 from automcm_traces.export.svg_drawing import drawing
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.fates import ANYONE, FATES
-from automcm_traces.system.log_clocks import Clocks
-from automcm_traces.system.log_merge import merge, receptions
+from automcm_traces.system.log_merge import merge
 from automcm_traces.viewer.page_data import as_dict, load
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -72,14 +71,13 @@ class Case:
         self.text: dict[tuple[int, int], str] = {}
         self.cams: set[tuple[int, int]] = set()
         self.drawn: Counter[tuple[int, int, str]] = Counter()
-        self.no_tx = any(e.tx is None for _, e in receptions(merged))
-        deliveries = Deliveries(merged, Clocks.of(merged))
+        deliveries = Deliveries(merged)
         sent = [(d.sent, d.to) for d in deliveries.all if d.outcome == "rejected"]
         self.refused = sorted(
             (merged.stations[i], merged.logs[i].events[k][0], f"!{to}") for (i, k), to in sent
         )
         """The messages that their addressees rejected, at the lines where they leave."""
-        for arrow in deliveries.arrows():
+        for arrow in (a for of in merged.arrows.values() for a in of):
             node = arrow.arrives or arrow.leaves
             assert node is not None
             log = merged.logs[node[0]]
@@ -210,14 +208,6 @@ def in_svg(case: Case, unfold: bool) -> Counter[tuple[int, int, str]]:
     return found
 
 
-def unplaced(arrows: Counter[Seen]) -> Counter[Seen]:
-    """Without tx, the page may place a reception above its transmission: above a later copy."""
-    found: Counter[Seen] = Counter()
-    for arrow, n in arrows.items():
-        found[arrow._replace(station=0, line=0)] += n
-    return found
-
-
 VIEWS: dict[str, Callable[[Case], Counter[Seen]]] = {
     "show": in_show,
     "page": on_the_page,
@@ -237,8 +227,6 @@ def compare(case: Case) -> Counter[str]:
         except CannotTell:
             continue
         wanted = case.arrows
-        if name == "page" and case.no_tx:
-            shown, wanted = unplaced(shown), unplaced(wanted)
         assert shown == wanted, (name, case.paths, shown - wanted, wanted - shown)
         compared[name] += shown.total()
     if not case.whole:

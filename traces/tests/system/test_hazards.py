@@ -16,6 +16,7 @@ from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
 from automcm_traces.system.hazards import Hazard
 from automcm_traces.system.hazards import hazard as hazard_of
 from automcm_traces.system.log_clocks import Span
+from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import SystemReport, judge
 from automcm_traces.system.world import World
 
@@ -147,7 +148,7 @@ def test_t_2_cannot_be_told_where_the_clocks_leave_the_bound_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = aborted(tmp_path)
-    world = World(run.logs())
+    world = World(merge(run.logs()))
     elapsed = world.elapsed
 
     def vague(*args: int) -> Span | None:

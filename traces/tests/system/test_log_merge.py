@@ -11,7 +11,6 @@ from merged_runs import Run, later, records, rewritten, without_tx
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log, read
-from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import MergeError, merge
 
 
@@ -44,13 +43,8 @@ def test_every_event_comes_once_each_after_what_it_depends_on(logs: list[Log]) -
         assert not merged.before(node, match.sent)
 
 
-def test_the_order_does_not_depend_on_that_of_the_files_nor_on_time(
-    logs: list[Log], tmp_path: Path
-) -> None:
-    order = merge(logs).order
-    assert merge(logs[::-1]).order == order
-    two = read(later(Path(logs[1].file), 5_000_000, tmp_path))
-    assert merge([logs[0], two, logs[2]]).order == order
+def test_the_order_does_not_depend_on_that_of_the_files(logs: list[Log]) -> None:
+    assert merge(logs[::-1]).order == merge(logs).order
 
 
 def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
@@ -73,28 +67,6 @@ def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
     answers = [merged.before(a, b) for a in nodes for b in nodes if a != b]
     assert answers == [reaches(a, b) for a in nodes for b in nodes if a != b]
     assert 0.3 < sum(answers) / len(answers) < 0.6
-
-
-def test_the_lowest_station_that_can_go_on_does(logs: list[Log]) -> None:
-    merged = merge(logs)
-    at = [0] * len(logs)
-
-    def free(i: int) -> bool:
-        match = merged.matches.get((i, at[i]))
-        return at[i] < len(logs[i].events) and (
-            match is None or match.first[1] < at[match.first[0]]
-        )
-
-    for i, k in merged.order:
-        assert (i, k) == next((j, at[j]) for j in range(len(logs)) if free(j))
-        at[i] += 1
-
-
-def test_ties_are_broken_by_station_and_seq(tmp_path: Path) -> None:
-    """Without a message between them, all of station 1 comes first."""
-    silent = Run(tmp_path, drop=lambda src, dst, m, now: True).logs(until=1000)
-    order = merge(silent[::-1]).order
-    assert order == sorted(order)
 
 
 def test_a_message_received_before_it_is_sent_is_named(tmp_path: Path) -> None:
@@ -146,19 +118,22 @@ def test_a_transmission_id_that_comes_twice_is_noted(logs: list[Log], tmp_path: 
     assert len(notices) == 1 and "tx 2:4 repeats" in notices[0]
 
 
-def test_without_transmission_ids_content_and_order_decide(tmp_path: Path) -> None:
-    """Every match is a copy of the message, the first certainly sent before it came."""
-    run = Run(tmp_path, channel=Channel(loss=0.2, duplicate=0.2))
+def test_without_transmission_ids_content_and_time_decide(tmp_path: Path) -> None:
+    """With loss and copies, the match is the latest copy that can have been sent by then."""
+    run = Run(tmp_path, channel=Channel(loss=0.3, duplicate=0.2))
     named = merge(run.logs())
     merged = merge([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
     assert merged.matches.keys() == named.matches.keys() and not merged.cycles
     assert len(merged.notices) == 1 and str(len(merged.matches)) in merged.notices[0]
-    sure = [node for node, match in merged.matches.items() if match.sure]
-    assert len(sure) > 100 and all(merged.matches[n].sent == named.matches[n].sent for n in sure)
+    guessed = [node for node, match in merged.matches.items() if not match.sure]
+    later = [node for node in guessed if merged.matches[node].first != merged.matches[node].sent]
+    assert len(guessed) > 40 and len(later) > 10
+    place = {node: n for n, node in enumerate(merged.order)}
     for node, match in merged.matches.items():
-        assert match.first <= named.matches[node].sent
-        sent, got = merged.event(match.sent), merged.event(node)
-        assert isinstance(sent, Send) and isinstance(got, Receive) and sent.message == got.message
+        assert match.first <= match.sent and place[match.sent] < place[node]
+        took = merged.event(node).t_ms - merged.event(match.sent).t_ms
+        assert took <= 50, "no copy takes longer"
+        assert match.sent >= named.matches[node].sent
 
 
 def test_an_edited_message_without_id_is_matched_with_nothing(tmp_path: Path) -> None:
@@ -173,7 +148,7 @@ def test_an_edited_message_without_id_is_matched_with_nothing(tmp_path: Path) ->
 
 
 def test_the_clocks_of_one_simulation_are_shown_to_be_nearly_the_same(logs: list[Log]) -> None:
-    clocks = Clocks.of(merge(logs))
+    clocks = merge(logs).clocks
     for i in range(3):
         for j in range(3):
             ahead = clocks.ahead(i, j)
@@ -184,7 +159,7 @@ def test_the_clocks_of_one_simulation_are_shown_to_be_nearly_the_same(logs: list
 @pytest.mark.parametrize("ms", [3, 977, 3_600_000])
 def test_the_difference_of_two_clocks_is_enclosed(logs: list[Log], tmp_path: Path, ms: int) -> None:
     two = read(later(Path(logs[1].file), ms, tmp_path))
-    clocks = Clocks.of(merge([logs[0], two, logs[2]]))
+    clocks = merge([logs[0], two, logs[2]]).clocks
     found, back = clocks.ahead(0, 1), clocks.ahead(1, 0)
     assert found is not None and back is not None
     assert found.low <= ms <= found.high and found.high - found.low <= 12
@@ -196,7 +171,7 @@ def test_the_difference_of_two_clocks_is_enclosed(logs: list[Log], tmp_path: Pat
 def test_one_way_only_the_longest_delay_is_assumed(tmp_path: Path) -> None:
     """Stations 2 and 3 hear each other through nobody; 2 never hears 1."""
     run = Run(tmp_path, drop=lambda src, dst, m, now: dst == 2 or 3 in (src, dst))
-    clocks = Clocks.of(merge(run.logs(until=3000)[:2]))
+    clocks = merge(run.logs(until=3000)[:2]).clocks
     ahead = clocks.ahead(0, 1)
     assert ahead is not None and ahead.assumed and ahead.low <= 0 <= ahead.high
     assert ahead.high - ahead.low <= 50
@@ -204,7 +179,7 @@ def test_one_way_only_the_longest_delay_is_assumed(tmp_path: Path) -> None:
 
 def test_without_messages_clocks_are_not_compared(tmp_path: Path) -> None:
     run = Run(tmp_path, drop=lambda src, dst, m, now: True)
-    clocks = Clocks.of(merge(run.logs(until=1000)))
+    clocks = merge(run.logs(until=1000)).clocks
     assert clocks.ahead(0, 1) is None and clocks.between(0, 1, 1, 2) is None
 
 
@@ -213,11 +188,11 @@ def test_clocks_that_do_not_run_alike_are_noticed(logs: list[Log], tmp_path: Pat
         if "t_ms" in record:
             record["t_ms"] = record["t_ms"] * 9 // 10
 
-    clocks = Clocks.of(merge([logs[0], copied(logs[1], tmp_path, slow)]))
+    clocks = merge([logs[0], copied(logs[1], tmp_path, slow)]).clocks
     assert clocks.ahead(0, 1) is None and "run at different rates" in clocks.notices[0]
 
 
 def test_a_copy_under_way_for_too_long_is_measured(tmp_path: Path) -> None:
     run = Run(tmp_path, channel=Channel(delay_ms=(0, 90), reorder=0.0))
-    clocks = Clocks.of(merge(run.logs()))
+    clocks = merge(run.logs()).clocks
     assert 80 <= clocks.slowest(0, 1) <= 90

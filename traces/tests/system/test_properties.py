@@ -26,6 +26,7 @@ from automcm_spec.vocabulary.messages import (
 )
 from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, derived
 from automcm_traces.system import duration_properties
+from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import NAMES, SystemReport, agreement, commitment, judge
 from automcm_traces.system.timeline import Moment, Timeline
 from automcm_traces.system.world import World
@@ -155,7 +156,7 @@ def test_s_2_a_cancel_of_somebody_else_ends_no_commitment() -> None:
 
 
 def test_s_4_the_prescriber_acts_with_another_target(tmp_path: Path) -> None:
-    world = World(Run(tmp_path).logs())
+    world = World(merge(Run(tmp_path).logs()))
     assert [holds for holds, _ in agreement(world)] == [True]
     line = world.timelines[1]
     line.moments = [replace(m, target=3 if m.target else 0) for m in line.moments]
@@ -168,7 +169,7 @@ def test_what_messages_order_needs_no_clock(
     """The first session of the prescriber is over before the second of its target begins."""
     run = Run(tmp_path, maneuver_ms=1000)
     run.simulation.request(1, at=7000)
-    world = World(run.logs(until=14_000))
+    world = World(merge(run.logs(until=14_000)))
     monkeypatch.setattr(world, "elapsed", lambda *_: None)
     first, second = world.timelines[1].periods("ACTUATING", "prescriber")
     one, two = world.timelines[2].periods("ACTUATING", "receiver")
@@ -185,7 +186,7 @@ def outcome(findings: Iterable[duration_properties.Checked]) -> set[bool | None]
 
 
 def test_t_1_a_session_that_lasts_too_long(tmp_path: Path) -> None:
-    world = World(Run(tmp_path).logs())
+    world = World(merge(Run(tmp_path).logs()))
     assert outcome(duration_properties.durations(world)) == {True}
     moments = lines_of(world, 2)
     over = next(n for n, m in enumerate(moments) if n and not m.session and moments[n - 1].session)
@@ -231,7 +232,7 @@ def test_t_3_copies_sent_as_answers_do_not_count(tmp_path: Path) -> None:
 
 
 def forgetting(tmp_path: Path) -> World:
-    return World(Run(tmp_path, maneuver_ms=500).logs(until=20_000))
+    return World(merge(Run(tmp_path, maneuver_ms=500).logs(until=20_000)))
 
 
 def test_t_5_a_session_forgotten_while_it_is_advertised(tmp_path: Path) -> None:

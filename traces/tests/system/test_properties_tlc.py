@@ -19,6 +19,7 @@ from automcm_traces.export.itf import ItfState, from_itf
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import Hazard, hazard
 from automcm_traces.system.log_clocks import Span
+from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import (
     accepted,
     acknowledged,
@@ -50,7 +51,7 @@ class Behaviour(World):
     def __init__(self, name: str) -> None:
         self.states = from_itf(json.loads((FOLDER / f"{name}.itf.json").read_text()))
         n = len(list(self.states[0].values["st"]))  # type: ignore[call-overload]
-        super().__init__([log_of(station) for station in range(1, n + 1)])
+        super().__init__(merge([log_of(station) for station in range(1, n + 1)]))
         for station in range(1, n + 1):
             self.timelines[station] = self._timeline(station)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,11 +11,9 @@ from merged_runs import later, records, rewritten, simulated
 from page_rows import DELIVERED, DUPLICATE
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
-from automcm_spec.log_format.reader import Log, read
 from automcm_traces.edit.log_diff import diff
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
-from automcm_traces.viewer.page_order import order
 from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import load
 
@@ -176,30 +173,3 @@ def test_two_events_that_differ_in_a_field_share_the_row_of_the_first_difference
     (one,) = data["compared"]["stations"]
     assert [f["field"] for f in one["difference"]["fields"]] == ["duration_ms"]
     assert one["row"] + 1 in pairs(data) and max(pairs(data)) == one["row"] + 1
-
-
-def test_after_a_pair_both_logs_go_on_from_one_time() -> None:
-    log = read(PAIR[0])
-
-    def at(*times: int) -> Log:
-        event = log.events[0][1]
-        events = [(n + 2, event.model_copy(update={"t_ms": t})) for n, t in enumerate(times)]
-        return replace(log, events=events)
-
-    logs = at(0, 100, 200), at(0, 150, 210)
-    found = order(logs, {}, [0, 0], {(0, 0): (1, 0), (0, 1): (1, 1)})
-    assert found == [((0, 0), (1, 0)), ((0, 1), (1, 1)), ((1, 2),), ((0, 2),)]
-
-
-def test_a_pair_that_the_messages_tear_apart_becomes_two_rows() -> None:
-    log = read(PAIR[0])
-    logs = [replace(log, events=log.events[:2]) for _ in range(4)]
-    crossed = {(0, 0): (2, 0), (1, 0): (3, 0)}
-    needs = {(0, 0): (1, 0), (3, 0): (2, 0)}  # A: 1 before 0; B: 0 before 1
-    found = order(logs, needs, [0] * 4, crossed)
-    assert sorted(node for nodes in found for node in nodes) == [
-        (i, k) for i in range(4) for k in range(2)
-    ]
-    place = {node: n for n, nodes in enumerate(found) for node in nodes}
-    assert all(place[first] < place[then] for then, first in needs.items())
-    assert sum(len(nodes) == 2 for nodes in found) == 1

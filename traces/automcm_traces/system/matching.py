@@ -1,0 +1,322 @@
+"""Matches the received messages of one run with their transmissions, in memory bounded by a few
+numbers for each message: also for logs of any length.
+
+A received message is matched with the transmission that it names (``tx``), if that has the same
+content. If the link provides no ``tx``, it is matched by sender and content. Copies are equal byte
+by byte; the latest counts that can have been sent by then. An earlier one would have taken longer
+than the longest delay of a copy (docs/protocol.md, section 3).
+"""
+
+from __future__ import annotations
+
+import json
+from array import array
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import blake2b
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from automcm_spec.log_format.log import End, Event, Header, Receive, Send, transmission
+from automcm_spec.log_format.number_sets import Numbers
+from automcm_spec.log_format.reader import Log, Notice, header_of, records
+from automcm_spec.support.bad_input import BadInput, name_of
+from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.system.event_order import Node
+from automcm_traces.system.log_clocks import Clocks, Travels
+
+NO_TX = 2**64 - 1
+NOBODY = 0
+"""No station."""
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
+
+
+def content(message: Fields) -> str:
+    """A message as text; equal messages give equal texts."""
+    return _ENCODER.encode(message)
+
+
+def sender_of(message: Fields, tx: str | None) -> int | None:
+    """The station that sent a received message, by its tx, or as the message says."""
+    if tx is not None:
+        return transmission(tx)[0]
+    src = message.get("src")
+    return src if type(src) is int else None
+
+
+@dataclass(frozen=True, slots=True)
+class Promised:
+    """The messages that a log promises to contain."""
+
+    file: str
+    sends: bool
+    receives: bool
+    """Whether it contains all messages between its first and its last event."""
+    ended: bool
+    """Whether it has an end record; without one, events may be missing at the end."""
+    first_ms: int
+    last_ms: int
+    t_life: int
+    last_sent: int
+    """The highest transmission number."""
+
+    @staticmethod
+    def by(
+        file: str,
+        header: Header,
+        span: tuple[int, int] = (0, 0),
+        last_sent: int = 0,
+        lost: int | None = 0,
+        mid_session: bool = False,
+    ) -> Promised:
+        """The coverage of a log from the first to the last time in ``span``. ``lost`` is the number
+        of lost records in the end record; None without one. A log that begins in mid-session
+        promises nothing: its station may have sent and received more before."""
+        life = header.known.get("t_life", Parameters().t_life)
+        whole = not (lost or mid_session)
+        sends, receives = (whole and kind in header.complete for kind in ("send", "receive"))
+        return Promised(file, sends, receives, lost is not None, *span, life, last_sent)
+
+    def not_sent(self, tx: str | None, logged: bool) -> str | None:
+        """Why a received message without a matching transmission was certainly not sent.
+
+        ``logged`` is whether the log has another message under this tx. None if the message may
+        have been sent: the log is not complete, or ends earlier.
+        """
+        if not self.sends:
+            return None
+        if logged:
+            return f"{self.file} has another message under this tx"
+        if not self.ended and (tx is None or transmission(tx)[1] > self.last_sent):
+            return None
+        return f"{self.file} contains no such sent message"
+
+
+class Messages:
+    """Messages as columns: of each, the index of its event, its number, time and digest."""
+
+    def __init__(self) -> None:
+        self.at, self.numbers = array("Q"), array("Q")
+        self.times, self.digests = array("Q"), array("Q")
+        self._in_order: bool | None = None
+        self._places: dict[int, int] = {}
+        self._copies: dict[int, list[int]] = {}
+
+    def add(self, at: int, number: int, t_ms: int, message: Fields) -> None:
+        """Add the message of an event."""
+        digest = blake2b(content(message).encode("utf-8", "surrogatepass"), digest_size=8).digest()
+        self.at.append(at)
+        self.numbers.append(number)
+        self.times.append(t_ms)
+        self.digests.append(int.from_bytes(digest, "big"))
+
+    def find(self, number: int) -> int | None:
+        """The index of the first message with this number."""
+        if self._in_order is None:
+            self._in_order = all(a <= b for a, b in pairwise(self.numbers))
+            if not self._in_order:
+                backwards = range(len(self.numbers) - 1, -1, -1)
+                self._places = {self.numbers[k]: k for k in backwards}
+        if not self._in_order:
+            return self._places.get(number)
+        k = bisect_left(self.numbers, number)
+        return k if k < len(self.numbers) and self.numbers[k] == number else None
+
+    def copies(self, digest: int) -> list[int]:
+        """The indices of the messages with this content."""
+        if not self._copies:
+            for k, one in enumerate(self.digests):
+                self._copies.setdefault(one, []).append(k)
+        return self._copies.get(digest, [])
+
+
+class Ledger:
+    """What matching needs of one log."""
+
+    def __init__(self, file: str, header: Header, *, unread: bool = False) -> None:
+        self.header, self.unread = header, unread
+        self.promised = Promised.by(file, header, mid_session=header.begins is not None)
+        self.sent, self.received = Messages(), Messages()
+        self.senders = array("Q")
+        """Of each received message."""
+        self.rejected = array("Q")
+        """Of each rejected datagram, the sender and the number in its tx."""
+        self.arrived: dict[int, Numbers] = defaultdict(Numbers)
+        """By log, which of its sent messages this log shows as received."""
+        self.refused: dict[int, Numbers] = defaultdict(Numbers)
+        """By log, which of its sent messages this log shows as rejected."""
+        self._events = 0
+
+    @staticmethod
+    def of_unread(path: Path) -> Ledger:
+        """The ledger of the only log: nothing of it can match. Raises BadInput if it has no
+        header."""
+        made = Ledger(name_of(path), header_of(path), unread=True)
+        with suppress(BadInput):
+            for entry in islice(records(path, gaps=True), 1, 2):
+                late = isinstance(entry.record, Notice) and entry.record.kind == "begins_late"
+                if late:
+                    made.promised = Promised.by(made.promised.file, made.header, mid_session=True)
+        return made
+
+    @staticmethod
+    def of(log: Log) -> Ledger:
+        """The ledger of a log in memory."""
+        made = Ledger(log.file, log.header)
+        for _, event in log.events:
+            made.add(event)
+        span = (log.events[0][1].t_ms, log.events[-1][1].t_ms) if log.events else (0, 0)
+        lost = None if log.end is None else log.end.lost_records
+        last = max(made.sent.numbers, default=0)
+        made.promised = Promised.by(log.file, log.header, span, last, lost, log.mid_session)
+        return made
+
+    @staticmethod
+    def read(path: Path) -> Ledger:
+        """The ledger of a log of any length, up to where it is readable; it promises nothing after
+        a gap. Raises BadInput if it has no header."""
+        made = Ledger(name_of(path), header_of(path))
+        first = last = ended = None
+        top, whole, mid_session = 0, True, made.header.begins is not None
+        try:
+            for entry in records(path, gaps=True):
+                match entry.record:
+                    case Header():
+                        pass
+                    case Notice(kind=kind):
+                        whole = whole and kind != "gap"
+                        mid_session = mid_session or kind == "begins_late"
+                    case End(lost_records=lost):
+                        ended = lost if whole else None
+                    case event:
+                        made.add(event)
+                        if whole:
+                            first, last = event.t_ms if first is None else first, event.t_ms
+                            top = max(top, made.sent.numbers[-1] if isinstance(event, Send) else 0)
+        except BadInput:
+            ended = None
+        span = first or 0, last or 0
+        made.promised = Promised.by(name_of(path), made.header, span, top, ended, mid_session)
+        return made
+
+    def add(self, event: Event) -> None:
+        """Add the next event of the log."""
+        at, self._events = self._events, self._events + 1
+        if isinstance(event, Send):
+            self.sent.add(at, transmission(event.tx)[1], event.t_ms, event.message)
+        elif not isinstance(event, Receive):
+            return
+        elif event.message is not None:
+            sender = sender_of(event.message, event.tx)
+            known = sender is not None and 0 < sender < NO_TX
+            self.senders.append(sender if sender is not None and known else NOBODY)
+            number = NO_TX if event.tx is None else transmission(event.tx)[1]
+            self.received.add(at, number, event.t_ms, event.message)
+        elif event.rejected is not None and event.tx is not None:
+            self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))
+
+
+class Match(NamedTuple):
+    """The transmission of a received message."""
+
+    sent: Node
+    """The transmission; of equal copies without ``tx``, the latest possible one."""
+    first: Node
+    """The first possible transmission, which certainly came before the reception."""
+    sure: bool
+    """Whether the match is certain: named by ``tx``, or the only one with its content."""
+    again: bool
+    """Whether another copy of this transmission was received before."""
+
+
+UNMATCHED, MATCHED, AGAIN, SURE = 0, 1, 2, 4
+
+
+class Matches:
+    """The matches between the logs of one run, and their clocks."""
+
+    def __init__(self, ledgers: Sequence[Ledger]) -> None:
+        self.ledgers = ledgers
+        self.stations = [ledger.header.station for ledger in ledgers]
+        self.places = {station: i for i, station in enumerate(self.stations)}
+        self.guessed = 0
+        """The number of matches by content alone."""
+        self._flags = [bytearray(len(ledger.senders)) for ledger in ledgers]
+        self._sent = [array("q", [-1]) * len(flags) for flags in self._flags]
+        self._first = [array("q", [-1]) * len(flags) for flags in self._flags]
+        travels = Travels([ledger.header.longest_delay for ledger in ledgers])
+        for j in range(len(ledgers)):
+            self._find(j, travels)
+        self.clocks = Clocks(travels)
+        for j in range(len(ledgers)):
+            self._choose(j)
+        for j, ledger in enumerate(ledgers):
+            self._refuse(j, ledger)
+            ledger.received, ledger.rejected = Messages(), array("Q")  # no longer needed
+
+    def match(self, j: int, n: int) -> Match | None:
+        """The match of the ``n``-th received message of a log; None if there is none."""
+        flags = self._flags[j][n]
+        if flags == UNMATCHED:
+            return None
+        i = self.places[self.ledgers[j].senders[n]]
+        at = self.ledgers[i].sent.at
+        sent, first = (i, at[self._sent[j][n]]), (i, at[self._first[j][n]])
+        return Match(sent, first, bool(flags & SURE), bool(flags & AGAIN))
+
+    def find(self, tx: str) -> Node | None:
+        """The first transmission with this ``tx``; None if no log has one."""
+        sender, number = transmission(tx)
+        i = self.places.get(sender)
+        k = None if i is None else self.ledgers[i].sent.find(number)
+        return None if i is None or k is None else (i, self.ledgers[i].sent.at[k])
+
+    def _find(self, j: int, travels: Travels) -> None:
+        """Find the first possible transmission of each message received by a log."""
+        ledger, flags = self.ledgers[j], self._flags[j]
+        got = ledger.received
+        for n, (sender, number) in enumerate(zip(ledger.senders, got.numbers, strict=True)):
+            i = self.places.get(sender)
+            if i is None:
+                continue
+            sent = self.ledgers[i].sent
+            if number != NO_TX:
+                k = sent.find(number)
+                if k is None or sent.digests[k] != got.digests[n]:
+                    continue
+                flags[n], self._first[j][n] = MATCHED | SURE, k
+            elif i != j and (copies := sent.copies(got.digests[n])):
+                flags[n] = MATCHED | SURE if len(copies) == 1 else MATCHED
+                self._first[j][n] = copies[0]
+                self.guessed += 1
+            if flags[n]:
+                ms = got.times[n] - sent.times[self._first[j][n]]
+                travels.add(i, j, ms, bool(flags[n] & SURE))
+
+    def _choose(self, j: int) -> None:
+        """Of equal copies, choose the latest that can have been sent before it was received."""
+        ledger, flags = self.ledgers[j], self._flags[j]
+        for n, sender in enumerate(ledger.senders):
+            if flags[n] == UNMATCHED:
+                continue
+            i, k = self.places[sender], self._first[j][n]
+            ahead = None if flags[n] & SURE else self.clocks.ahead(i, j)
+            if ahead is not None:
+                sent = self.ledgers[i].sent
+                copies, last_ms = sent.copies(sent.digests[k]), ledger.received.times[n] - ahead.low
+                k = copies[max(0, bisect_right(copies, last_ms, key=sent.times.__getitem__) - 1)]
+            self._sent[j][n] = k
+            if not ledger.arrived[i].add(k):
+                flags[n] |= AGAIN
+
+    def _refuse(self, j: int, ledger: Ledger) -> None:
+        for sender, number in zip(ledger.rejected[::2], ledger.rejected[1::2], strict=True):
+            i = self.places.get(sender, j)
+            k = None if i == j else self.ledgers[i].sent.find(number)
+            if k is not None:
+                ledger.refused[i].add(k)
