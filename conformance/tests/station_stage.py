@@ -57,6 +57,14 @@ class Running:
     def signal(self, signum: int) -> None:
         self.process.send_signal(signum)
 
+    def complains(self, words: str) -> str:
+        """Read standard error until a line has these words."""
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            if words in line:
+                return line
+        raise AssertionError(f"ended without {words!r}")
+
     def errors(self) -> str:
         """What it said on standard error; waits for its end."""
         assert self.process.stderr is not None

@@ -112,13 +112,22 @@ def test_an_answer_that_is_not_flushed_is_a_hang_with_a_hint() -> None:
     assert "flushed" in str(failure(FORGETS_TO_FLUSH, limit_s=LIMIT))
 
 
-@pytest.mark.slow
-def test_the_limit_is_for_each_answer() -> None:
-    slow = "import sys, time\nfor line in sys.stdin: time.sleep(.4); print(1, flush=True)"
-    with start(slow) as child:
-        child.exchange([LINE])
-        child.limit_s = 1.5
-        assert child.exchange([LINE] * 4) == [b"1"] * 4
+def test_the_limit_is_for_each_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes nearly as long; the clock is the test's."""
+    now, there = 0.0, list[bytes]()
+    listen = Process._listen
+
+    def one(child: Process, timeout_s: float) -> list[bytes]:
+        nonlocal now
+        while timeout_s > 0 and not there:
+            there.extend(listen(child, timeout_s))
+        now += 0.9 * child.limit_s
+        return [there.pop(0)] if timeout_s > 0 else []
+
+    with start(ECHO) as child, monkeypatch.context() as patched:
+        patched.setattr(process, "monotonic", lambda: now)
+        patched.setattr(Process, "_listen", one)
+        assert child.exchange([LINE] * 4) == [LINE[:-1]] * 4
 
 
 def test_a_trickle_is_a_hang() -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from functools import cache, partial
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+from cli_stage import automcm
 from wrong_station import station
 
 from automcm_conformance.adapter.adapter import Adapter
@@ -19,8 +21,25 @@ from automcm_spec.graph.oracle import Oracle
 from automcm_spec.graph.oracle import load as read
 
 LIMIT_S = 20.0
-LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
-
+WHEN = """
+def answer(command):
+    out = right(command)
+    if {when}:
+        {change}
+    return out
+"""
+SILENT = 'out["messages"] = []'
+FIN = 'received(command, "Fin")'
+AFTER_RESTART = """
+back = False
+def answer(command):
+    global back
+    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
+    out = right(command)
+    for message in out["messages"] if back else ():
+        {change}
+    return out
+"""
 SECOND_SESSION = """
 sessions = set()
 def answer(command):
@@ -34,44 +53,77 @@ def answer(command):
     return out
 """
 """From the second session it has joined on, it does not ack a Fin (END-3; ACT-3 decides)."""
-
-LATE_LEASE = """
-def answer(command):
-    if received(command, "Prescription"):
-        command["message"]["lease_ms"] += 1
-    return right(command)
-"""
-"""A lease lasts a millisecond too long (ACT-4)."""
-
-FLAKY = """
+COUNTS = """
 count = 0
 def answer(command):
     global count
     out = right(command)
-    if received(command, "Fin"):
-        count += 1
-        if count == 3:
-            out["messages"] = []
-    return out
-"""
-"""One Fin of all is not acked."""
-
-CRASHES = """
-def answer(command):
-    out = right(command)
-    if command["cmd"] == "restart" and state().number:
-        print("out of luck", file=sys.stderr, flush=True)
-        os._exit(3)
+    count += {counted}
+    if {when} and received(command, "Fin"):
+        out["messages"] = []
     return out
 """
 
-HANGS = """
-def answer(command):
-    out = right(command)
-    if command["cmd"] == "restart":
-        time.sleep(60)
-    return out
-"""
+
+class Wrong(NamedTuple):
+    """A station, for how many walks it is explored, and what is found."""
+
+    code: str
+    walks: int
+    verdict: str
+    says: str
+    """The rule, or the beginning of the reason."""
+    acts: int
+    """So many at the most are left of the walk."""
+    limit_s: float = LIMIT_S
+
+
+WRONG = {
+    # Join, be told that it is over, join again, be told again.
+    "the second session": Wrong(SECOND_SESSION, 400, "FAIL", "ACT-3", 5),
+    "a seq after a restart": Wrong(
+        AFTER_RESTART.format(change='message["seq"] += message["type"] == "Advertisement"'),
+        *(60, "FAIL", "ADV-1", 3),
+    ),
+    "a number used again": Wrong(
+        AFTER_RESTART.format(change='message["session"][1] *= message["type"] != "Advertisement"'),
+        *(60, "FAIL", "ADV-1", 3),
+    ),
+    "a lease a millisecond late": Wrong(
+        "def answer(command):\n    if received(command, 'Prescription'):\n"
+        "        command['message']['lease_ms'] += 1\n    return right(command)",
+        *(100, "FAIL", "deadline", 20),
+    ),
+    "one Fin of all is not acked": Wrong(
+        COUNTS.format(counted=FIN, when="count == 3"), 200, "ERROR", "nondeterministic", 999
+    ),
+    "after some resets no Fin is acked": Wrong(
+        COUNTS.format(counted='command["cmd"] == "reset"', when="count > 7"),
+        *(60, "ERROR", "nondeterministic", 999),
+    ),
+    "crashes": Wrong(
+        WHEN.format(
+            when='command["cmd"] == "restart" and state().number', change="sys.exit('out of luck')"
+        ),
+        *(200, "ERROR", "out of luck", 3),
+    ),
+    "hangs": Wrong(
+        WHEN.format(when='command["cmd"] == "restart"', change="time.sleep(60)"),
+        *(60, "ERROR", "", 99, 4.0),
+    ),
+    "ends on reset": Wrong(
+        WHEN.format(when='command["cmd"] == "reset"', change="os._exit(3)"), 3, "ERROR", "", 0
+    ),
+    "refuses reset": Wrong(
+        WHEN.format(when='command["cmd"] == "reset"', change='out = {"error": "no"}'),
+        *(3, "ERROR", "", 0),
+    ),
+    "a line too many": Wrong(
+        WHEN.format(when=FIN, change='return 2 * (json.dumps(out).encode() + b"\\n")'),
+        *(30, "ERROR", "", 99, 4.0),
+    ),
+    "a line too few": Wrong(WHEN.format(when=FIN, change='return b""'), 30, "ERROR", "", 99, 4.0),
+}
 
 
 @cache
@@ -145,146 +197,26 @@ def replays(found: Exploration, folder: Path, code: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) -> None:
-    found = explored(SECOND_SESSION, tmp_path, 400)
-    (case,) = found.cases
-    assert (case.verdict, case.rules) == ("FAIL", ["ACT-3"])
-    assert found.exit_code == 1
-    # Join, be told that it is over, join again, be told again.
-    assert found.acts[case.id] <= 5
-    replays(found, tmp_path, SECOND_SESSION)
-
-
-AFTER_RESTART = """
-back = False
-def answer(command):
-    global back
-    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
-    out = right(command)
-    for message in out["messages"] if back else ():
-        {change}
-    return out
-"""
-SEQ_AFTER_RESTART = AFTER_RESTART.format(
-    change='message["seq"] += message["type"] == "Advertisement"'
-)
-SAME_NUMBER = AFTER_RESTART.format(
-    change='message["session"][1] *= message["type"] != "Advertisement"'
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
-def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
-    tmp_path: Path, code: str
+@pytest.mark.parametrize("how", WRONG)
+def test_what_is_wrong_is_found_shortened_and_kept(
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = explored(code, tmp_path, 60)
+    wrong = WRONG[how]
+    if wrong.says == "nondeterministic":  # nothing is shortened, however often that is tried
+        monkeypatch.setattr(explore, "Shrinker", partial(Shrinker, runs=12, near=12))
+    found = explored(wrong.code, tmp_path, wrong.walks, limit_s=wrong.limit_s)
     (case,) = found.cases
-    assert (case.verdict, case.rules, found.acts[case.id]) == ("FAIL", ["ADV-1"], 3)
-    replays(found, tmp_path, code)
-
-
-@pytest.mark.slow
-def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
-    found = explored(LATE_LEASE, tmp_path, 100)
-    (case,) = found.cases
-    assert case.verdict == "FAIL"
-    assert "deadline" in case.reason or "lease_ms" in case.reason
-    replays(found, tmp_path, LATE_LEASE)
-
-
-@pytest.mark.slow
-def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # It never fails again, so nothing is shortened, however often that is tried.
-    monkeypatch.setattr(explore, "Shrinker", partial(Shrinker, runs=12, near=12))
-    found = explored(FLAKY, tmp_path, 200)
-    (case,) = found.cases
-    assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")
-    assert found.exit_code == 3
-    for name in ("first", "again"):
-        (log,) = (tmp_path / "logs").glob(f"1-{name}.*")
-        assert log.name in case.reason and log.stat().st_size > 0
-
-
-@pytest.mark.slow
-def test_a_crash_is_shortened_and_its_last_words_are_kept(tmp_path: Path) -> None:
-    found = explored(CRASHES, tmp_path, 200)
-    (case,) = found.cases
-    assert case.verdict == "ERROR"
-    assert found.acts[case.id] <= 3
-    assert any("out of luck" in line for line in case.failures[0].came)
-
-
-@pytest.mark.slow
-def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
-    found = explored(HANGS, tmp_path, 60, limit_s=4.0)
-    assert found.cases[0].verdict == "ERROR"
-    assert found.exit_code == 3
-
-
-NO_RESET = """
-def answer(command):
-    if command["cmd"] == "reset":
-        os._exit(3)
-    return right(command)
-"""
-
-REFUSES_RESET = """
-def answer(command):
-    return {"error": "no"} if command["cmd"] == "reset" else right(command)
-"""
-
-LEAKS = """
-resets = 0
-def answer(command):
-    global resets
-    out = right(command)
-    resets += command["cmd"] == "reset"
-    if resets > 7 and received(command, "Fin"):
-        out["messages"] = []
-    return out
-"""
-"""After some resets it acks no Fin any more."""
-
-LINE_TOO_MANY = """
-def answer(command):
-    line = json.dumps(right(command)).encode() + b"\\n"
-    return 2 * line if received(command, "Fin") else line
-"""
-
-LINE_TOO_FEW = """
-def answer(command):
-    out = right(command)
-    return b"" if received(command, "Fin") else out
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("code", [NO_RESET, REFUSES_RESET])
-def test_a_station_that_never_answers_reset_is_an_error(tmp_path: Path, code: str) -> None:
-    found = explored(code, tmp_path, 3)
-    (case,) = found.cases
-    assert case.verdict == "ERROR" and "nondeterministic" not in case.reason
-    assert found.acts[case.id] == 0 and found.problems == []
-
-
-@pytest.mark.slow
-def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> None:
-    found = explored(LEAKS, tmp_path, 60)
-    (case,) = found.cases
-    assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")
-    assert len(list((tmp_path / "logs").glob("1-again.*"))) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("code", [LINE_TOO_MANY, LINE_TOO_FEW])
-def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str) -> None:
-    found = explored(code, tmp_path, 30, limit_s=4.0)
-    (case,) = found.cases
-    assert case.verdict == "ERROR" and found.exit_code == 3
-    assert not found.problems
+    assert (case.verdict, found.exit_code) == (wrong.verdict, 1 if wrong.verdict == "FAIL" else 3)
+    told = [*case.rules, case.reason, *(line for each in case.failures for line in each.came)]
+    assert any(wrong.says in text for text in told), told
+    assert found.acts[case.id] <= wrong.acts and found.problems == []
+    assert case.reason.startswith("nondeterministic") == (wrong.says == "nondeterministic")
+    if wrong.says == "nondeterministic":
+        for name in ("first", "again"):
+            (log,) = (tmp_path / "logs").glob(f"1-{name}.*")
+            assert log.name in case.reason and log.stat().st_size > 0
+    if wrong.verdict == "FAIL":
+        replays(found, tmp_path, wrong.code)
 
 
 @pytest.mark.slow
@@ -322,18 +254,12 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
 
 
 def test_the_command_line(tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from automcm_cli.main import app
-
     command = ["--", *station(SECOND_SESSION)]
-    out = ["--out", str(tmp_path)]
-    result = CliRunner().invoke(app, ["conform", "explore", "60", "--enough", "1", *out, *command])
+    out = ["--out", tmp_path]
+    result = automcm("conform", "explore", "60", "--enough", "1", *out, *command)
     assert result.exit_code == 1
     assert "ACT-3" in result.output and "automcm conform replay" in result.output
     report = json.loads((tmp_path / "exploration.json").read_text())
     assert report["format"] == EXPLORED and len(report["cases"]) == 1
-    missing = CliRunner().invoke(app, ["conform", "explore", "1", *out, "--", "no-such-thing"])
-    assert missing.exit_code == 3
-    no_command = CliRunner().invoke(app, ["conform", "explore", "1", *out])
-    assert no_command.exit_code == 2
+    assert automcm("conform", "explore", "1", *out, "--", "no-such-thing").exit_code == 3
+    assert automcm("conform", "explore", "1", *out).exit_code == 2
