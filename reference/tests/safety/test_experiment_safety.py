@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import json
-import random
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from automcm.core import rules
-from automcm.core.state import State
 from automcm.links.simulated_radio import Channel
-from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
-from automcm_evaluation.safety.faults import CUTS, KINDS, Injected, drawn, inject
-from automcm_evaluation.sweeps.sweep import canonical, run_cell
+from automcm_evaluation.safety.faults import Injected
+from automcm_evaluation.sweeps.sweep import canonical
 from automcm_simulation.road.hazard_measures import Watched, bound_ms
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.reader import read
 from automcm_spec.model_checking import models
-from automcm_spec.vocabulary.messages import Fin, Session
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_spec.vocabulary.rules import RULES as RULE_IDS
 from automcm_traces.system.properties import judge
 
-Json = Any
 B = 1540
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -39,17 +32,13 @@ def simulate(
     *,
     loss: float = 0.0,
     maneuver_ms: int = 9000,
-    refuses: int = 0,
-    again_ms: int = 0,
     seed: int = 1,
     logs: Path | None = None,
-    prepare: Any = lambda watched: None,
 ) -> safety.RunOutcome:
     """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
-    plan = safety.SafetyPlan(loss, faults, maneuver_ms, refuses, again_ms)
+    plan = safety.SafetyPlan(loss, faults, maneuver_ms, 0, 0)
     channel = Channel(loss=loss, duplicate=0.1)
     watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
-    prepare(watched)
     return safety.simulated(watched, plan, ablation.parameters)
 
 
@@ -193,104 +182,6 @@ def test_an_ablation_changes_rows_of_its_own_rule() -> None:
         assert rows or other, ablation.name
         if rows and ablation.rule != "END-4":  # the guard of many rows
             assert ablation.rule in rows or rows == elsewhere[ablation.name], ablation.name
-
-
-def test_a_service_runs_on_what_the_ablation_hands_it(tmp_path: Path) -> None:
-    ablation = BY_NAME["mark dropped with the Fin"]
-    finished = State(outbox=(Fin(src=1, dst=2, session=(1, 1), seq=4),))
-    assert WHOLE.marks(finished) == ((1, 1),) and ablation.marks(finished) == ()
-    simulate([], replace(ablation, marks=lambda st: ((7, 7),)), logs=tmp_path)
-    sent = (safety.ROLES.prescriber, safety.ROLES.target)
-    cams = [
-        line
-        for station in sent
-        for line in (tmp_path / f"{station}.ndjson").read_text().splitlines()
-        if '"send"' in line and '"CAM"' in line
-    ]
-    assert len(cams) > 50 and all('"marks":[[7,7]]' in line for line in cams)
-
-
-def deaf_to_acks(watched: Watched) -> None:
-    """No Ack of the prescriber gets through; CAMs do."""
-    send = watched.radio._send
-
-    def some(src: int, data: bytes, to: int, tx: str) -> None:
-        if not (b'"Acceptance"' in data and b'"Ack"' in data):
-            send(src, data, to, tx)
-
-    watched.radio._send = some  # type: ignore[method-assign]
-
-
-def test_neg_9_a_commitment_outlives_its_acceptance() -> None:
-    assert lengths(simulate([], prepare=deaf_to_acks)) == []
-    abandoned = simulate([], BY_NAME["Acceptance abandoned"], prepare=deaf_to_acks)
-    ((excuse, length),) = lengths(abandoned)
-    assert excuse == "" and 1400 < length <= B
-
-
-def test_l_2_without_retransmission_fewer_agree() -> None:
-    def agreed(ablation: Ablation) -> int:
-        return sum(simulate([], ablation, loss=0.4, seed=s).agreed for s in range(12))
-
-    assert agreed(WHOLE) == 12 and agreed(BY_NAME["no retransmission"]) < 8
-
-
-# -- faults
-
-
-def test_faults_begin_in_their_window_and_end_later() -> None:
-    faults = drawn(KINDS, (100, 200), random.Random(1))
-    assert [fault.kind for fault in faults] == list(KINDS)
-    assert all(100 <= fault.at_ms <= 200 < fault.until_ms for fault in faults)
-    assert len({fault.at_ms for fault in faults}) > 5
-    assert inject([], Watched(), safety.ROLES) == 0
-
-
-@pytest.mark.sweep(4)
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_fault_changes_what_happens(kind: str) -> None:
-    quiet = simulate([])
-    assert (quiet.agreed, quiet.completed, quiet.in_vain, quiet.stuck) == (1, 1, 0, False)
-    hit = simulate([Injected(kind, 4000, 8000)])
-    assert hit != quiet or kind == "second prescriber"
-    assert simulate([Injected("second prescriber", 15_000, 15_000)]).agreed == 2
-
-
-def test_a_cut_that_is_over_early_is_survived() -> None:
-    for kind in CUTS:
-        short, long = (simulate([Injected(kind, 4000, until)]) for until in (4900, 7000))
-        assert (short.completed, short.in_vain, short.hazards) == (1, 0, [])
-        assert long.completed == 0
-
-
-def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[tuple[int, str]] = []
-
-    def fallback(self: Straight, session: Session, reason: str) -> None:
-        assert isinstance(self.service, McService)
-        told.append((self.service.station_id, reason))
-
-    monkeypatch.setattr(Straight, "fallback", fallback)
-    for who, station_id in (("prescriber", 1001), ("target", 2002)):
-        for what in ("abort", "restart"):
-            told.clear()
-            simulate([Injected(f"{who} {what}s", 4000, 5000)])
-            assert (station_id, what) in told
-        told.clear()
-        simulate([Injected(f"{who} crashes", 4000, 5000)])
-        assert (station_id, "crash") in told
-
-
-# -- the experiment
-
-
-def test_equal_seeds_give_equal_cells_in_any_order() -> None:
-    some = safety.cells(safety.Safety(drives=2, ablated=2, classes=2, road=1))
-    assert len({str(values) for values in some}) == len(some)
-    picked = [some[1], some[45], some[55], some[-1]]
-    first = [run_cell("safety", values, 1) for values in picked]
-    assert [run_cell("safety", values, 1) for values in reversed(picked)] == first[::-1]
-    assert first != [run_cell("safety", values, 2) for values in picked]
 
 
 # -- the tables

@@ -1,0 +1,35 @@
+"""Small cells of every experiment, and their results: ``fixed_cells.json``.
+
+To renew the results after a change that is meant to change them: ``python fixed_cells.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from automcm_evaluation.sweeps import sweep
+
+FILE = Path(__file__).with_suffix(".json")
+CELLS: list[dict[str, Any]] = json.loads(FILE.read_text(encoding="utf-8"))
+
+
+def rounded(value: Any) -> Any:
+    """With 9 digits of each float, which are those of any processor."""
+    if isinstance(value, float):
+        return float(f"{value:.9g}")
+    if isinstance(value, list):
+        return [rounded(each) for each in value]
+    if isinstance(value, dict):
+        return {name: rounded(each) for name, each in value.items()}
+    return value
+
+
+def result(cell: dict[str, Any]) -> Any:
+    return rounded(sweep.run_cell(cell["experiment"], cell["values"], 1))
+
+
+if __name__ == "__main__":
+    lines = ",\n".join(json.dumps(cell | {"result": result(cell)}) for cell in CELLS)
+    FILE.write_text(f"[\n{lines}\n]\n", encoding="utf-8")

@@ -1,0 +1,39 @@
+"""Small cells of every experiment give the results that are kept; so do the committed cells."""
+
+from __future__ import annotations
+
+import json
+import lzma
+from pathlib import Path
+from typing import Any
+
+import fixed_cells
+import pytest
+
+from automcm_evaluation.sweeps import report
+from automcm_evaluation.sweeps.catalogue import NAMES, experiment
+
+EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
+
+
+@pytest.mark.parametrize(
+    "cell",
+    fixed_cells.CELLS,
+    ids=lambda cell: " ".join(v for v in cell["values"].values() if isinstance(v, str)),
+)
+def test_a_cell_has_the_result_that_is_kept(cell: Any) -> None:
+    assert fixed_cells.result(cell) == cell["result"]
+
+
+@pytest.mark.parametrize("path", report.results(EVALUATION), ids=lambda path: path.parent.name)
+def test_the_committed_cells_give_the_committed_summary_and_claims(path: Path) -> None:
+    data = path.read_bytes()
+    written = json.loads(lzma.decompress(data) if path.suffix == ".xz" else data)
+    assert json.loads(json.dumps(report.load(path))) == written
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_committed_cells_are_those_of_the_settings(name: str) -> None:
+    made, of = report.load(EVALUATION / name / report.RESULTS), experiment(name)
+    cells = of.cells(of.settings.model_validate(made["settings"]))
+    assert [cell["values"] for cell in made["cells"]] == json.loads(json.dumps(cells))
