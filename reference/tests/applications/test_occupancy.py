@@ -21,15 +21,14 @@ from automcm.applications.lane_change import (
 )
 from automcm.applications.occupancy import FORCED, LEAST_M, Seen, clear, needed_gap
 from automcm.applications.planning import planned
-from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, PositionError, Vehicle, idm
+from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, Vehicle, idm
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import HEARD_MS, Advertised, Choice, Heard, heard_by
 from automcm_simulation.road.drive import FourVehicles, SimulatedDrive
-from automcm_simulation.road.occupancy_sweep import KINDS, bends, drive, setting, sight
+from automcm_simulation.road.occupancy_sweep import KINDS, bends, drive, sight
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.sweep_drivers import (
     PERCEPTION,
-    WITHOUT,
     Binder,
     CamOnly,
     WithoutLengths,
@@ -342,13 +341,6 @@ def test_app_5_the_way_back_is_the_way_there() -> None:
     assert not v.changing and v.lane == 0 and v.y == 0.0
 
 
-def test_sight_has_a_range_and_does_not_see_itself() -> None:
-    vehicles = [car(1, 0, 0), car(2, 99), car(3, 101)]
-    (seen,) = sight(vehicles[0], vehicles)(vehicles[0].zone(1), 0, 1)
-    assert (seen.x, seen.y, seen.vx, seen.station_id) == (99, LANE_WIDTH, 8.33, 0)
-    assert set(WITHOUT) == {mechanism for _, mechanism, _, _ in HARM} | {"any"}
-
-
 # -- extents, errors and bends
 
 LORRY_M = 16.5
@@ -441,26 +433,3 @@ def test_app_2_it_requests_again_as_often_as_planned() -> None:
     asked = [t for t, what in prescriber.story if what == "signals for lane 1"]
     assert len(asked) == 3 and not prescriber.busy
     assert all(later - before > 3000 for before, later in pairwise(asked))
-
-
-def test_positions_err_by_sigma_for_seconds() -> None:
-    error = PositionError(1.0, "a")
-    course = []
-    for _ in range(50_000):
-        error.step()
-        course.append((error.along, error.across))
-    both = np.array(course)
-    assert both.std(axis=0) == pytest.approx([1, 1], abs=0.15)
-    later = np.corrcoef(both[:-100, 0], both[100:, 0])[0, 1]
-    assert later == pytest.approx(np.exp(-1), abs=0.1)
-
-
-def test_a_drive_repeats_and_draws_what_its_seed_says() -> None:
-    assert drive(3) == drive(3) and setting(3) == setting(3)
-    drawn = [setting(seed) for seed in range(300)]
-    assert {each.kind for each in drawn} == set(KINDS)
-    assert all(4 <= length <= 18 for each in drawn for length in each.lengths)
-    assert all(30 / 3.6 <= each.speed <= 130 / 3.6 + 1e-9 for each in drawn)
-    fastest = max((e.speed + e.faster) ** 2 / e.radius_m for e in drawn)
-    assert 2.3 < fastest < 2.5 and min(each.radius_m for each in drawn) < 110
-    assert max(abs(ms) for each in drawn for ms in each.offsets_ms) > 9000

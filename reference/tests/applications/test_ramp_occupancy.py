@@ -2,134 +2,36 @@
 
 from __future__ import annotations
 
-import random
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from road_stage import answers_of, driven, said, stands
+from road_stage import driven, said, stands
 
-from automcm.applications.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
-from automcm.applications.occupancy import HARDEST, LEAST_M, Seen
+from automcm.applications.lane_change import WAIT_MS, planned
+from automcm.applications.occupancy import LEAST_M, Seen
 from automcm.applications.ramp_merge import Merge, Ramp
-from automcm.applications.vehicle import LANE_WIDTH, Driving, Vehicle
-from automcm.links.simulated_radio import Channel
-from automcm.service.application import Choice, heard_by
+from automcm.applications.vehicle import LANE_WIDTH, Vehicle
+from automcm.service.application import heard_by
 from automcm_simulation.road.drive import SimulatedDrive
 from automcm_simulation.road.occupancy_sweep import (
-    BURSTS_MS,
-    PERCEPTION,
-    WITHOUT,
     CamOnly,
     DoesNotSlow,
-    cut_in,
     room,
     sight,
 )
 
-KINDS = ("answers", "CAM only", "seen only", "does not slow", "cuts in")
-"""What the vehicle that arrives together with the one on the ramp does.  ``cuts in``: it answers,
-and a vehicle from the third lane moves into the gap without looking."""
-SIGNAL_MS, UNTIL_S = 1000, 60.0
+
+class Silent(CamOnly, Merge):
+    """It sends CAMs and answers nothing."""
 
 
-def unlike(mechanism: type[Any]) -> type[Merge]:
-    """A merge with this change of a lane change."""
-    return Merge if mechanism is LaneChange else type(mechanism.__name__, (mechanism, Merge), {})
+class Fast(DoesNotSlow, Merge):
+    """It accepts, and does not slow down."""
 
 
 def car(station_id: int, x: float, speed: float, lane: int = 1) -> Vehicle:
     return Vehicle(station_id, x, lane, speed, speed)
 
-
-@dataclass(frozen=True)
-class Driven:
-    """One drive and its outcome, as ``occupancy_sweep.Driven``."""
-
-    merged: bool
-    stopped: bool
-    room_m: float
-    braking: float
-    over_the_end: bool
-
-    @property
-    def bad(self) -> bool:
-        return self.room_m < LEAST_M or self.braking > HARDEST + 1e-6 or self.over_the_end
-
-
-def drive(seed: int, without: str = "", kind: str = "") -> Driven:
-    draw = random.Random(seed)
-    drawn = draw.choice(KINDS)
-    kind = kind or drawn
-    channel = Channel(loss=draw.choice((0.0, 0.2, 0.4)), burst_ms=draw.choice(BURSTS_MS))
-    speed = draw.uniform(8, 20)
-    theirs, after_s = speed + draw.uniform(-2, 2), draw.uniform(10, 14)
-    ramp = Ramp(joins_m=speed * after_s)
-    beside = ramp.joins_m - theirs * (after_s + draw.uniform(-1.0, 2.0))
-    apart = 4.5 + draw.uniform(1.5, 4.0) * (2 + theirs)
-    sees = kind in ("seen only", "cuts in") or draw.random() < 0.5
-    own = car(1, 0, speed, 0)
-    mine = (unlike(WITHOUT[without]) if without else Merge)(own, ramp)
-    drivers, unheard = [mine], list[Vehicle]()
-    for n in (2, 3, 4):
-        one = car(n, beside + (3 - n) * apart, theirs)
-        how = kind if n == 3 else draw.choice(("answers", "answers", "CAM only", "seen only"))
-        if kind == "answers" or (how == "seen only" and not sees):
-            how = "answers"
-        if how == "seen only":
-            unheard.append(one)
-        else:
-            made = {"CAM only": unlike(CamOnly), "does not slow": unlike(DoesNotSlow)}
-            drivers.append(made.get(how, Merge)(one, ramp))
-    cutter, cuts_s = car(5, own.x, speed, 2), draw.uniform(0.0, 1.0)
-    cutter.driving = Driving(hardest=0.0)  # its driver looks at nobody
-    if kind == "cuts in":
-        unheard.append(cutter)
-    made_drive = SimulatedDrive(drivers, seed=seed, channel=channel, others=unheard)
-    if sees and without not in (PERCEPTION, "any"):
-        mine.occupied = sight(own, made_drive.road.vehicles)
-    made_drive.simulation.clock.at(SIGNAL_MS, mine.signal)
-    if kind == "cuts in":
-        cut_in(made_drive, cutter, cuts_s, SIGNAL_MS)
-    made_drive.run(UNTIL_S)
-    hardest = max(0.0, -min(s.acceleration for s in made_drive.road.samples))
-    left = room(made_drive, own)
-    return Driven(
-        merged=own.lane == 1,
-        stopped=own.lane == 0 and own.speed < 0.1,
-        room_m=1000.0 if left is None else left,
-        braking=0.0 if kind == "cuts in" else hardest,
-        over_the_end=any(
-            s.x + own.length / 2 > ramp.joins_m + ramp.length_m and s.y < NO_RETURN_M
-            for s in made_drive.road.of(1)
-        ),
-    )
-
-
-HARM = [
-    ("CAM only", "CAMs"),
-    ("seen only", PERCEPTION),
-    ("does not slow", "look before"),
-    ("cuts in", "look while"),
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "mechanism"), HARM)
-def test_app_2_app_4_app_5_each_mechanism_is_needed_to_merge(kind: str, mechanism: str) -> None:
-    bad = next(seed for seed in range(40) if drive(seed, mechanism, kind).bad)
-    assert not drive(bad, "", kind).bad
-
-
-@pytest.mark.slow
-def test_app_2_a_small_sweep_of_merges_has_no_bad_drive() -> None:
-    drives = [drive(seed) for seed in range(10)]
-    assert not [each for each in drives if each.bad]
-    assert any(each.merged for each in drives) and any(each.stopped for each in drives)
-    assert all(each.merged or each.stopped for each in drives)
-
-
-# -- single drives
 
 RAMP = Ramp(joins_m=120)
 
@@ -151,7 +53,7 @@ def words_after(driver: Merge, first: str) -> list[str]:
 @pytest.mark.parametrize("seen", [False, True])
 def test_app_2_it_does_not_merge_beside_a_vehicle_that_did_not_answer(seen: bool) -> None:
     on_ramp, beside = ramp_car(), car(3, -2, 10)
-    others: list[Any] = [] if seen else [unlike(CamOnly)(beside, RAMP)]
+    others: list[Any] = [] if seen else [Silent(beside, RAMP)]
     more = {"others": [beside]} if seen else {}
     on_ramp.occupied = sight(on_ramp.vehicle, [beside]) if seen else on_ramp.occupied
     drive_ = driven(on_ramp.signal, on_ramp, waits(-60), *others, until=60, **more)
@@ -162,7 +64,7 @@ def test_app_2_it_does_not_merge_beside_a_vehicle_that_did_not_answer(seen: bool
 
 
 def test_app_4_it_does_not_merge_before_a_target_that_does_not_slow() -> None:
-    on_ramp, target = ramp_car(), unlike(DoesNotSlow)(car(3, -2, 10), RAMP)
+    on_ramp, target = ramp_car(), Fast(car(3, -2, 10), RAMP)
     drive_ = driven(on_ramp.signal, on_ramp, target, until=60)
     assert said(on_ramp)[-2:] == ["is accepted, and waits for the gap", "gives up: 3 is in the way"]
     assert said(target)[-1] == "drives alone: abort"
@@ -192,14 +94,6 @@ def test_app_4_after_proceed_it_waits_for_a_place_and_looks(stays: bool) -> None
         joined_ms = next(s.t for s in drive_.road.of(1) if s.x >= RAMP.joins_m) * 1000
         moved_ms = next(t for t, what in on_ramp.story if what == "moves over")
         assert 0 < moved_ms - joined_ms < WAIT_MS
-
-
-def test_app_1_without_cams_it_does_not_merge() -> None:
-    driver = ramp_car()
-    given = answers_of(driver)
-    driver.wanted = 1
-    driver.choose(Choice((1, 1), 1, {}))
-    assert given == ["abort"]
 
 
 @pytest.mark.parametrize(("after_ms", "lane"), [(500, 0), (2900, 0), (3200, 1)])

@@ -5,9 +5,6 @@ That all of it is taken shows in the stateful tests (``Coverage.missing``).
 
 from __future__ import annotations
 
-from pathlib import Path
-from types import ModuleType
-
 import pytest
 from automcm_stage import Stage
 from statemachine.exceptions import TransitionNotAllowed
@@ -46,32 +43,8 @@ def test_what_is_not_declared_raises() -> None:
         after("receiver", "STANDALONE", "open")
 
 
-def changed(old: str, new: str) -> ModuleType:
-    """phases.py with an edit, as a module of its own."""
-    path = Path(str(phases.__file__))
-    text = path.read_text()
-    assert text.count(old) == 1, "the edit no longer applies"
-    module = ModuleType("changed_phases")
-    exec(compile(text.replace(old, new), str(path), "exec"), module.__dict__)
-    return module
-
-
-def test_a_guard_that_names_no_rule_is_no_declaration() -> None:
-    with pytest.raises(KeyError):
-        changed('(INTENDING, cond="ADV_3")', '(INTENDING, cond="ADV_11")')
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "rule"),
-    [
-        ('(ADVERTISING, cond="ADV_1")', '(ADVERTISING, cond="ADV_3")', "ADV-1"),
-        ('cond="PRE_1 or END_1"', 'cond="PRE_1 or END_2"', "END-1"),
-    ],
-)
-def test_a_step_by_a_rule_that_is_not_declared_raises(
-    old: str, new: str, rule: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rules, "require", changed(old, new).require)
-    with pytest.raises(KeyError, match=f"{rule} may not lead a prescriber"):
-        stage = Stage().walk("prescriber", "ADVERTISING")
+def test_a_step_by_a_rule_that_is_not_declared_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage().walk("prescriber", "ADVERTISING")
+    monkeypatch.delitem(phases.WAYS, ("prescriber", "ADVERTISING", "STANDALONE", "END-1"))
+    with pytest.raises(KeyError, match="END-1 may not lead a prescriber"):
         stage.do(stage.now, "abort", stage.own)

@@ -62,16 +62,6 @@ def test_new_content_takes_a_new_seq_and_copies_are_identical() -> None:
         assert all(copy is copies[0] for copy in copies)
 
 
-def test_new_content_takes_a_new_seq_at_a_receiver() -> None:
-    s = Stage().walk("receiver", "NEGOTIATING")
-    (refusal,) = sent(s.do(30, "refuse", THEIRS))
-    s.hear(40, prescription(2))
-    (acceptance,) = sent(s.do(50, "accept", THEIRS, proposal=2))
-    (leaving,) = sent(s.do(60, "abort", THEIRS))
-    assert [refusal.seq, acceptance.seq, leaving.seq] == [2, 3, 4]
-    assert [m.type for m in s.state.outbox] == ["Cancel"]
-
-
 def test_each_session_counts_its_seq_from_1() -> None:
     s = Stage(backoff_min=0, backoff_max=0)
     s.do(0, "request")
@@ -166,19 +156,6 @@ def test_end_5_malformed_bytes() -> None:
             assert ": " in discarded.detail, what
             assert s.state is state, what
             assert list(s.station.timers.items()) == timers, what
-
-
-def test_due_timers_fire_before_bytes_that_are_no_message() -> None:
-    s = Stage()
-    s.hear(0, advertisement())
-    resent, discarded = s.hear(100, b"rubbish")
-    assert ([m.type for m in resent.messages], discarded.rule) == (["Intention"], "END-5")
-
-
-def test_bytes_and_the_message_they_hold_are_the_same_input() -> None:
-    s, t = Stage(), Stage()
-    assert s.hear(0, encode(advertisement())) == t.hear(0, advertisement())
-    assert s.state == t.state
 
 
 # -- what the graph that is compared here is too small for; the stage compares

@@ -220,12 +220,6 @@ same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixtur
 
 
 @same_folder
-@given(content=st.binary(max_size=200))
-def test_random_bytes_raise_nothing_but_log_errors(tmp_path: Path, content: bytes) -> None:
-    only_log_errors(tmp_path / "log", content)
-
-
-@same_folder
 @given(lines=st.lists(lines_() | st.binary(max_size=30), max_size=3))
 def test_damaged_lines_raise_nothing_but_log_errors(tmp_path: Path, lines: list[bytes]) -> None:
     first = json.dumps(HEADER).encode()
@@ -271,9 +265,3 @@ def test_the_quick_way_is_taken_and_gives_the_same(tmp_path: Path) -> None:
         text = json.dumps(line).encode()
         assert record(text) == RECORD.validate_json(text)
     assert isinstance(record(json.dumps(HEADER).encode()), Header)
-
-
-@pytest.mark.parametrize("field", ["rule", "phase", "role"])
-def test_the_quick_way_lets_no_null_pass(field: str) -> None:
-    with pytest.raises(ValidationError, match="null is not allowed"):
-        record(json.dumps(restart(1, **{field: None})).encode())

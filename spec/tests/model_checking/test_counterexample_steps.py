@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import pytest
+from model_stage import checked
 
-from automcm_spec.model_checking import models
 from automcm_spec.model_checking.counterexample_steps import ModelStep, steps
-from automcm_spec.model_checking.models import ModelVerdict
 from automcm_spec.model_checking.tlc import TraceState
 from automcm_spec.vocabulary.station import Receive
-
-
-@cache
-def checked(cfg: str) -> ModelVerdict:
-    verdict = models.check(next(m for m in models.load() if m.cfg == cfg))
-    assert verdict.ok, verdict.problem
-    return verdict
 
 
 def found(cfg: str) -> list[ModelStep]:

@@ -4,17 +4,16 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+from model_stage import LISTED, judged
 
 from automcm_cli.spec.model_output import chosen, kept
 from automcm_maintenance.documents import attacker_table
 from automcm_spec.model_checking import model_runs, models, tlc
 from automcm_spec.model_checking.models import Model, ModelError, ModelVerdict
-from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, TLA
 from automcm_spec.vocabulary import rules
 
@@ -31,27 +30,11 @@ def edit(folder: Path, old: str, new: str, name: str = models.LIST) -> None:
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
-LISTED = {m.cfg: m for m in models.load()}
-
-
 def model(cfg: str, **changes: object) -> Model:
     return LISTED[cfg].model_copy(update=changes)
 
 
-@cache
-def found(cfg: str) -> tlc.TlcResult:
-    with scratch.folder("model") as folder:
-        path = models.written(model(cfg), folder)
-        return RUN(model(cfg).module, path, extra=("-lncheck", "final"), short=True)
-
-
 RUN = tlc.run
-
-
-@pytest.fixture
-def run_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What TLC finds in a model is compared with several lists."""
-    monkeypatch.setattr(tlc, "run", lambda module, cfg, **options: found(cfg.stem))
 
 
 def test_every_property_is_shown_to_be_needed() -> None:
@@ -308,6 +291,7 @@ def test_a_cfg_is_that_of_the_base_with_the_changes() -> None:
     assert models.checked_in(made.config) == [made.breaks]
 
 
+@pytest.mark.slow
 def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> None:
     one = model("bare_ack")
     command = kept(one, tmp_path)
@@ -316,18 +300,19 @@ def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> N
     assert "Action property AckedProp is violated" in done.stdout
 
 
-def test_as_expected() -> None:
+def test_as_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "check", lambda model, **_: judged(model))
     seen: list[ModelVerdict] = []
-    chosen = [model("bare_ack"), model("unreduced")]
+    chosen = [model("bare_ack"), model("restarts")]
     verdicts = model_runs.check_all(chosen, on_done=seen.append)
     assert [v.problem for v in verdicts] == [None, None]
     assert all(v.ok for v in verdicts)
     assert [(v.model.cfg, v.outcome, v.property) for v in verdicts] == [
         ("bare_ack", "violates", "S-6"),
-        ("unreduced", "holds", None),
+        ("restarts", "holds", None),
     ]
     assert len(verdicts[0].trace) == chosen[0].length
-    assert sorted(v.model.cfg for v in seen) == ["bare_ack", "unreduced"]
+    assert sorted(v.model.cfg for v in seen) == ["bare_ack", "restarts"]
 
 
 FAILS = {"breaks": "AckedProp", "length": 6}
@@ -335,7 +320,6 @@ HOLDS = {"distinct_states": 1, "states": 1, "depth": 1}
 NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
 
 
-@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("cfg", "changes", "problem"),
     [
@@ -358,10 +342,8 @@ NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
         ),
     ],
 )
-def test_something_else_than_expected(
-    cfg: str, changes: dict[str, Any], problem: str, run_once: None
-) -> None:
-    verdict = models.check(model(cfg, **changes))
+def test_something_else_than_expected(cfg: str, changes: dict[str, Any], problem: str) -> None:
+    verdict = judged(model(cfg, **changes))
     assert not verdict.ok and re.fullmatch(problem, verdict.problem or "")
 
 

@@ -1,14 +1,12 @@
 """The TLC driver, on real runs of TLC."""
 
-import shutil
 import threading
 from pathlib import Path
 
 import pytest
 
-from automcm_spec.model_checking import models, tlc, toolchain
+from automcm_spec.model_checking import tlc, toolchain
 from automcm_spec.model_checking.tlc import Location, Progress, TlcError
-from automcm_spec.support.paths import MODELS, TLA
 
 CLOCK = """---- MODULE Clock ----
 EXTENDS Naturals, Sequences, TLC
@@ -118,40 +116,23 @@ def test_what_it_prints_is_streamed(clock: Path) -> None:
     assert lines == ['<<"x", 0>>', '"ü @!@!@"', '<<"x", 1>>', '"ü @!@!@"']
 
 
-BARE_ACK = next(model for model in models.load() if model.cfg == "bare_ack")
-
-
-def test_a_real_counterexample(tmp_path: Path) -> None:
-    result = tlc.run("Ablations", models.written(BARE_ACK, tmp_path))
-    assert (result.outcome, result.property) == ("violates", "AckedProp")
-    assert set(result.trace[-1].values) == {"st", "net", "excused", "received", "last"}
-
-
-def spec_copy(tmp_path: Path, old: str, new: str) -> Path:
-    folder = tmp_path / "copy"
-    shutil.copytree(TLA, folder)
-    system = (folder / "System.tla").read_text(encoding="utf-8")
-    assert old in system
-    (folder / "System.tla").write_text(system.replace(old, new), encoding="utf-8")
-    return folder
-
-
-def test_a_parse_error(tmp_path: Path, scratch: Path) -> None:
-    folder = spec_copy(tmp_path, "\nExpiries(s) ==", "\nExpiries(s) = =")
-    line = 1 + (folder / "System.tla").read_text().splitlines().index("Expiries(s) = =")
-    error = fails("Ablations", models.written(BARE_ACK, tmp_path), folder, scratch)
-    assert (error.kind, error.module) == ("parse", "System")
-    assert error.line is not None
-    assert abs(error.line - line) <= 1
-    assert str(error).startswith(f"System.tla line {error.line}: ")
-
-
-def test_an_unknown_operator(tmp_path: Path, scratch: Path) -> None:
-    folder = spec_copy(tmp_path, "\nExpiries(s) ==", "\nExpiries(s) == Nowhere(s) \\cup")
-    line = (folder / "System.tla").read_text().splitlines().index("Expiries(s) == Nowhere(s) \\cup")
-    error = fails("System", MODELS / "unreduced.cfg", folder, scratch)
-    assert (error.kind, error.module, error.line) == ("parse", "System", line + 1)
-    assert str(error).count("Unknown operator: `Nowhere'") == 1
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("NotZero ==", "NotZero = =", ""),
+        ("NotTwo ==", "NotTwo == Nowhere(x) /\\", "Unknown operator: `Nowhere'"),
+    ],
+)
+def test_a_parse_error(clock: Path, scratch: Path, old: str, new: str, text: str) -> None:
+    """In a module that the model's extends."""
+    (clock / "Outer.tla").write_text("---- MODULE Outer ----\nEXTENDS Clock\n====\n")
+    (clock / "Clock.tla").write_text(CLOCK.replace(old, new))
+    line = 1 + [line.startswith(new) for line in CLOCK.replace(old, new).splitlines()].index(True)
+    error = fails("Outer", cfg(clock, "cycle"), clock, scratch)
+    assert (error.kind, error.module) == ("parse", "Clock")
+    assert error.line is not None and abs(error.line - line) <= (not text)
+    assert str(error).startswith(f"Clock.tla line {error.line}: ")
+    assert str(error).count(text) == 1 or not text
 
 
 def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) -> None:
@@ -160,7 +141,7 @@ def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) ->
     assert "Cannot find source file for module None" in str(error)
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -168,18 +149,14 @@ def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) ->
         ("INVARIANT Nonesuch", "cycle.cfg: The invariant Nonesuch specified in"),
         ("CONSTANT NotTwo <- Nonesuch", "undefined identifier Nonesuch"),
         ("CONSTANT a 1", "cycle.cfg: TLC found an error in the configuration file at line 4"),
+        (None, "File not found"),
     ],
 )
-def test_a_wrong_cfg(clock: Path, scratch: Path, line: str, message: str) -> None:
-    error = fails("Clock", cfg(clock, "cycle", line), clock, scratch)
+def test_a_wrong_cfg(clock: Path, scratch: Path, line: str | None, message: str) -> None:
+    path = clock / "none.cfg" if line is None else cfg(clock, "cycle", line)
+    error = fails("Clock", path, clock, scratch)
     assert error.kind == "config"
     assert message in str(error)
-
-
-def test_a_cfg_that_is_missing(clock: Path, scratch: Path) -> None:
-    error = fails("Clock", clock / "none.cfg", clock, scratch)
-    assert error.kind == "config"
-    assert "File not found" in str(error)
 
 
 @pytest.mark.slow
@@ -203,8 +180,8 @@ def test_out_of_memory(clock: Path, scratch: Path) -> None:
 
 
 def test_a_timeout(clock: Path, scratch: Path) -> None:
-    error = fails("Clock", cfg(clock, "endless"), clock, scratch, timeout_s=1)
-    assert (error.kind, str(error)) == ("timeout", "TLC did not end within 1 s")
+    error = fails("Clock", cfg(clock, "endless"), clock, scratch, timeout_s=0.2)
+    assert (error.kind, str(error)) == ("timeout", "TLC did not end within 0.2 s")
 
 
 @pytest.mark.slow
