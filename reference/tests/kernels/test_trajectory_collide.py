@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from shapely import LineString, Point
 from test_trajectory_cases import (
     BAD,
     moved,
     numbers,
     paths,
-    places,
     raises,
     sampled,
-    steps,
     trajectories,
 )
 
@@ -88,35 +85,6 @@ def test_symmetric(pair: Pair) -> None:
     assert (hit is None) == (back is None)
     if hit is not None and back is not None:
         assert hit.place_a == pytest.approx(back.place_b, abs=1e-3)
-
-
-@pytest.mark.slow
-@given(pairs, numbers(-4, 4), places, numbers(-9, 9), numbers(0.2, 5), numbers(0.2, 5))
-def test_turned_shifted_and_scaled(
-    pair: Pair, angle: float, by: tuple[float, float], later: float, space: float, time: float
-) -> None:
-    """Distances scale with space alone, times with time alone."""
-    one = collide.closest_approach(*pair)
-    two = collide.closest_approach(*(moved(each, angle, by, later, space, time) for each in pair))
-    if one is None or two is None:
-        # Rounding decides whether trajectories that only touch in time have a common one.
-        assert one is two or collide.common_time(*pair) is not None
-        return
-    assert two.distance == pytest.approx(space * one.distance, abs=1e-5)
-
-
-@pytest.mark.slow
-@given(pairs, numbers(0, 30), numbers(0, 10))
-def test_monotone_in_the_threshold(pair: Pair, threshold: float, more: float) -> None:
-    hit, wider = (collide.collision(*pair, each) for each in (threshold, threshold + more))
-    approach = collide.closest_approach(*pair)
-    if hit is not None:
-        assert approach is not None and wider is not None
-        assert wider.time <= hit.time + 1e-9
-        assert hit.time <= approach.time + 1e-9
-        assert hit.approach == approach
-    expected = approach is not None and approach.distance < threshold
-    assert (hit is not None) == expected
 
 
 @given(pairs, numbers(0.5, 30))
@@ -218,80 +186,6 @@ def test_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     many = collide.closest_approach_pairs(t, a, b)
     assert (one.distance == many.distance).all() and (one.time == many.time).all()
     assert collide.closest_approach_many(Trajectory(t, a[0]), others) == each
-
-
-@given(places, steps, places, steps)
-def test_static_segments_against_shapely(
-    a: tuple[float, float], da: tuple[float, float], b: tuple[float, float], db: tuple[float, float]
-) -> None:
-    """A stopped point against a moving one sweeps a segment: shapely's distance of the two."""
-    t = np.array([0.0, 1])
-    mover = Trajectory(t, np.array([a, np.add(a, da)]))
-    stone = Trajectory(t[:1], np.array([b]), True)
-    found = collide.closest_approach(mover, stone)
-    assert found is not None
-    line = LineString(mover.xy) if da != (0, 0) else Point(a)
-    assert found.distance == pytest.approx(line.distance(Point(b)), abs=EXACT)
-    # Two segments in space alone are never further apart than two vehicles on them in time.
-    other = Trajectory(t, np.array([b, np.add(b, db)]))
-    timed = collide.closest_approach(mover, other)
-    apart = LineString(mover.xy).distance(LineString(other.xy))
-    assert timed is not None and timed.distance >= apart - EXACT
-
-
-# -- pycrcc
-
-
-def crcc(a: Trajectory, b: Trajectory, threshold: float, dt: float) -> tuple[bool, float]:
-    """Whether two circles of half the threshold touch at a multiple of ``dt``; and the least
-    distance at these times."""
-    pycrcc = pytest.importorskip(
-        "commonroad_dc.pycrcc", reason="commonroad-drivability-checker is not installed"
-    )
-    common = collide.common_time(a, b)
-    assert common is not None
-    times = np.arange(common[0], common[1], dt)
-    objects, where = [], []
-    for each in (a, b):
-        xy = sampled(each, times)
-        where.append(xy)
-        moving = pycrcc.TimeVariantCollisionObject(0)
-        for x, y in xy:
-            moving.append_obstacle(pycrcc.Circle(threshold / 2, float(x), float(y)))
-        objects.append(moving)
-    least = np.hypot(*(where[0] - where[1]).T).min(initial=np.inf)
-    return bool(objects[0].collide(objects[1])), float(least)
-
-
-DT = 0.1
-
-
-@given(st.tuples(trajectories(least=2), trajectories(least=2)), numbers(0.5, 20))
-@example(
-    (
-        Trajectory(np.array([0.0, 2]), np.array([(-20.5, 0.0), (19.5, 0)])),
-        Trajectory(np.array([0.0, 2]), np.array([(20.5, 0.3), (-19.5, 0.3)])),
-    ),
-    0.5,
-)  # meet between two steps
-def test_against_pycrcc(pair: Pair, threshold: float) -> None:
-    """Circles that touch in pycrcc are a collision here; and one here is one there, except where
-    the distance falls below the threshold only between two of its time steps, or equals it."""
-    pytest.importorskip(
-        "commonroad_dc.pycrcc", reason="commonroad-drivability-checker is not installed"
-    )
-    a, b = pair
-    common = collide.common_time(a, b)
-    assume(common is not None and common[1] > common[0])
-    there, least = crcc(a, b, threshold, DT)
-    approach = collide.closest_approach(a, b)
-    assert approach is not None
-    assume(abs(approach.distance - threshold) > EXACT and abs(least - threshold) > EXACT)
-    here = collide.collision(a, b, threshold) is not None
-    assert here or not there
-    if here and not there:  # tunnels between two steps
-        assert least > threshold > approach.distance
-        assert least <= approach.distance + (fastest(a) + fastest(b)) * DT + EXACT
 
 
 # -- examples

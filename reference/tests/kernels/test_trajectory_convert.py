@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from shapely import LineString, Point
-from test_trajectory_cases import BAD, numbers, paths, places, raises, starts, trajectories, turned
+from test_trajectory_cases import BAD, numbers, paths, places, raises, starts, trajectories
 
 from automcm.kernels import convert
 from automcm.kernels.trajectory import Floats, Trajectory, from_message, to_message
@@ -80,34 +80,6 @@ def test_interpolation_gives_the_speeds_back(
             measured = np.hypot(*(two[1] - two[0])) / (2 * quarter)
             assert measured == pytest.approx(speed[k - 1], rel=2e-3)
     assert len(made) == n + 1
-
-
-@pytest.mark.slow
-@given(roads(), numbers(0.5, 4), numbers(-3, 3), places)
-def test_scaled_turned_and_shifted(
-    road: tuple[Floats, Floats, tuple[float, float]],
-    scale: float,
-    angle: float,
-    by: tuple[float, float],
-) -> None:
-    """Space by a and time by 1/a: at a² times the speed.  Rotation and translation keep times."""
-    xy, speed, here = road
-    assume(all((speed >= V_EPS * 1.01) | (speed == 0)))
-    line = LineString(xy) if len(xy) > 1 else Point(xy[0])
-    assume(line.distance(Point(here)) < 1e-9)  # else which point is closest may flip
-    one = convert.convert(xy, speed, here, 0.0)
-    two = convert.convert(
-        turned(scale * xy, angle) + by,
-        scale**2 * speed,
-        turned(scale * np.array(here), angle) + by,
-        0.0,
-        v_eps=min(V_EPS, scale**2 * V_EPS),
-    )
-    if len(one) == len(two):  # else the foot is the same place at another vertex
-        assert two.t == pytest.approx(one.t / scale, abs=1e-6)
-        assert two.xy == pytest.approx(turned(scale * one.xy, angle) + by, abs=1e-6)
-    else:
-        assert len(xy) > 2
 
 
 def test_paper() -> None:

@@ -57,23 +57,6 @@ def test_inside_against_shapely(
     assert found[len(points) :].all()  # corners and middles of edges
 
 
-@given(zones(), st.lists(places, min_size=1, max_size=9), numbers(-3, 3), numbers(0.2, 5), places)
-def test_inside_turned_scaled_and_shifted(
-    zone: Floats,
-    points: list[tuple[float, float]],
-    angle: float,
-    scale: float,
-    by: tuple[float, float],
-) -> None:
-    edge = Polygon(zone).boundary
-    assume(all(edge.distance(Point(each)) > 1e-6 for each in points))
-    one = discover.inside(points, zone)
-    two = discover.inside(
-        turned(scale * np.array(points), angle) + by, turned(scale * zone, angle) + by
-    )
-    assert (one == two).all()
-
-
 @given(candidates(), zones(), st.randoms())
 def test_unique_and_independent_of_order(
     of: list[discover.Candidate], zone: Floats, random: object
@@ -85,28 +68,6 @@ def test_unique_and_independent_of_order(
     within = [each for each in of if discover.inside(each.xy[None], zone)[0]]
     assert (one is None) == (not within)
     assert one is None or one in [each.station_id for each in within]
-
-
-@given(candidates(one_way=True), st.permutations(range(7)))
-def test_the_foremost_and_the_loop_of_the_paper(
-    of: list[discover.Candidate], order: list[int]
-) -> None:
-    """In one direction: greatest n·x; and the paper's loop ends with it, whatever its order."""
-    found = discover.discover(of, LANE)
-    if not of:
-        assert found is None
-        return
-    along = {each.station_id: float(each.xy @ each.direction) for each in of}
-    assert found is not None
-    assert along[found] >= max(along.values()) - 1e-6
-    abreast = [i for i in along if along[i] > max(along.values()) - 1e-12]
-    if len(abreast) == 1 and sorted(along.values())[-2:-1] < [max(along.values()) - 1e-6]:
-        loop = [of[k] for k in order if k < len(of)]
-        leader = loop[0]
-        for each in loop[1:]:
-            if leader.direction @ (each.xy - leader.xy) > 0:
-                leader = each
-        assert found == leader.station_id
 
 
 @given(st.integers(1, 9), st.integers(11, 99), numbers(-3, 3), numbers(0.1, 9))

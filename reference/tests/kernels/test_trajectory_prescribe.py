@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from shapely import LineString, Point, hausdorff_distance
-from test_trajectory_cases import BAD, moved, numbers, places, plans, raises, sampled, turned
+from test_trajectory_cases import BAD, moved, numbers, plans, raises, sampled
 
 from automcm.kernels import prescribe, verify
 from automcm.kernels.thin import thin
@@ -119,32 +119,6 @@ def test_the_action_ends_when_gained(case: Case) -> None:
         over = int(np.flatnonzero(behind > wanted["gain"] - 1e-5)[0])
         assert (np.abs(behind[over:] - wanted["gain"]) < 2e-5).all()
         assert (behind[:over] < wanted["gain"]).all()
-
-
-@pytest.mark.slow
-@given(cases(), numbers(-3, 3), places, numbers(0.5, 3), numbers(0.5, 3))
-def test_turned_shifted_and_scaled(
-    case: Case, angle: float, by: tuple[float, float], space: float, time: float
-) -> None:
-    plan, start, wanted = case
-    assume(plan.t[0] < 1e6)
-    result = made(case)
-    scaled = {
-        "hold": wanted["hold"] * time,
-        "delta_v": wanted["delta_v"] * space / time,
-        "gain": wanted["gain"] * space,
-        "v_min": wanted["v_min"] * space / time,
-    }
-    try:
-        other = prescribe.prescribe(
-            moved(plan, angle, by, 0, space, time), max(start * time, plan.t[0] * time), **scaled
-        )
-    except TrajectoryError:  # exactly as long as it needs to be
-        assume(False)
-        raise
-    assert other.t[-1] == pytest.approx(time * result.t[-1])
-    expected = turned(space * sampled(result, np.clip(other.t / time, *result.t[[0, -1]])), angle)
-    assert np.abs(other.xy - (expected + by)).max() < BENDS * space
 
 
 def straight(v: float, seconds: float = 30.0, n: int = 31, t0: float = 0.0) -> Trajectory:

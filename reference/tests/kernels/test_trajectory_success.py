@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-
 import mpmath
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,35 +38,6 @@ def test_against_mpmath(loss: float, n: int) -> None:
         expected = 1 - lam**n, 1 - (1 - q) ** n, (1 - (1 - q) ** n) ** 3
     for name, value in zip(("message", "exchange", "session"), expected, strict=True):
         assert getattr(success, name)(loss, n) == pytest.approx(float(value), abs=1e-14), name
-
-
-@given(losses, st.integers(1, 5))
-def test_exchange_counts_outcomes(loss: float, n: int) -> None:
-    """Every way in which n copies and n answers may be lost or not."""
-    total = 0.0
-    for lost in itertools.product((False, True), repeat=2 * n):
-        if any(not lost[k] and not lost[n + k] for k in range(n)):
-            total += np.prod([loss if each else 1 - loss for each in lost])
-    assert success.exchange(loss, n) == pytest.approx(total, abs=1e-12)
-
-
-@given(losses, losses, counts, counts)
-def test_monotone_and_ordered(one: float, two: float, n: int, more: int) -> None:
-    low, high = sorted((one, two))
-    for kernel in (success.message, success.exchange, success.session):
-        assert 0 <= kernel(high, n) <= kernel(low, n) + 1e-14 <= 1 + 1e-14
-        assert kernel(low, n + more) >= kernel(low, n) - 1e-14
-    assert success.session(one, n) <= success.exchange(one, n) + 1e-14
-    assert success.exchange(one, n) <= success.message(one, n) + 1e-14
-
-
-@given(st.lists(losses, min_size=2, max_size=6), counts)
-def test_vectorised(loss: list[float], n: int) -> None:
-    for kernel in (success.message, success.exchange, success.session):
-        made = kernel([loss, loss[::-1]], n)
-        assert made.shape == (2, len(loss))
-        assert made[0] == pytest.approx([float(kernel(each, n)) for each in loss], abs=1e-14)
-        assert made[1] == pytest.approx(made[0][::-1], abs=1e-14)
 
 
 def test_knees_of_fig_9() -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
-from test_trajectory_cases import moved, numbers, plans, raises, sampled, trajectories
+from test_trajectory_cases import numbers, plans, raises, sampled, trajectories
 
 from automcm.encoding.codec import FRAME_BYTES, JSON
-from automcm.kernels import collide, thin
+from automcm.kernels import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError, to_message
 from automcm_spec.vocabulary.messages import Prescription
 
@@ -53,47 +53,6 @@ def test_a_smaller_budget_keeps_some_of_the_same(full: Trajectory, budget: int) 
         assert thin.deviation(full, made).position <= thin.POSITION * (1 + 1e-9)
 
 
-@given(anything, budgets, budgets)
-def test_more_room_keeps_more(full: Trajectory, budget: int, more: int) -> None:
-    assert len(thin.thin(full, budget, points)) <= len(thin.thin(full, budget + more, points))
-
-
-@given(anything, budgets)
-def test_deviation_is_the_greatest(full: Trajectory, budget: int) -> None:
-    made = thin.thin(full, budget, points)
-    times = np.linspace(full.t[0], full.t[-1], 500)
-    off = np.hypot(*(sampled(full, times) - sampled(made, times)).T).max()
-    assert off <= thin.deviation(full, made).position + 1e-6
-
-
-@given(st.tuples(anything, anything), budgets, numbers(0, 20))
-def test_verdict_within_the_deviation(
-    pair: tuple[Trajectory, Trajectory], budget: int, threshold: float
-) -> None:
-    """Thinning moves the closest approach by no more than the deviations of both; so a verdict
-    changes only if the distance is that near to the threshold."""
-    thinned = [thin.thin(each, budget, points) for each in pair]
-    error = sum(thin.deviation(*each).position for each in zip(pair, thinned, strict=True)) + 1e-6
-    before, after = collide.closest_approach(*pair), collide.closest_approach(*thinned)
-    assume(before is not None)
-    assert before is not None and after is not None
-    assert abs(before.distance - after.distance) <= error
-    if abs(before.distance - threshold) > error:
-        hits = [collide.collision(*each, threshold) is None for each in (pair, thinned)]
-        assert hits[0] == hits[1]
-
-
-@pytest.mark.slow
-@given(plans(), numbers(0.5, 4), numbers(0.5, 4), numbers(-3, 3))
-def test_scaled_and_turned(full: Trajectory, space: float, time: float, angle: float) -> None:
-    """The bound holds, scaled."""
-    assume(full.t[0] < 1e6)
-    other = moved(full, angle, (3, 4), 5, space, time)
-    made = thin.thin(other, 10**6, points, 0.1 * space, 0.1 * space / time)
-    back = thin.pick(full, np.searchsorted(other.t, made.t))
-    assert max(thin.deviation(full, back)) <= 0.1 + 1e-6
-
-
 @given(plans())
 def test_the_real_size(full: Trajectory) -> None:
     made = thin.thin(full)
@@ -110,25 +69,6 @@ def straight(n: int) -> Trajectory:
     return Trajectory(1.8e9 + 0.6 * np.arange(n), xy)
 
 
-@pytest.mark.slow
-@given(plans(), st.data())
-def test_no_two_samples_of_one_millisecond(full: Trajectory, data: st.DataObject) -> None:
-    """KIN-2: no message could carry both."""
-    full = full.since(float(np.ceil(full.t[0] * 10) / 10))
-    full = Trajectory(np.rint(full.t * 1000) / 1000, full.xy, full.stopped)
-    n = data.draw(st.integers(0, len(full) - 1))
-    by = 4e-4 if n == 0 else data.draw(st.sampled_from([-4e-4, 4e-4]))
-    at = n + 1 if by > 0 else n
-    place = sampled(full, np.array([full.t[n] + by]))
-    close = Trajectory(
-        np.insert(full.t, at, full.t[n] + by), np.insert(full.xy, at, place, axis=0), full.stopped
-    )
-    made = thin.thin(close, 10**6, points, 1e-6, 1e-6)
-    assert (np.diff(np.rint(made.t * 1000)) > 0).all()
-    assert len(to_message(made).points) >= len(made)
-    assert {full.t[0], full.t[-1] + max(by, 0) * (n == len(full) - 1)} <= set(made.t)
-
-
 def test_straight_and_even_parts_keep_their_ends() -> None:
     corner = np.cumsum([(0.0, 0.0), *[(6.0, 8.0)] * 20, *[(0.0, 10.0)] * 20], axis=0)
     assert thin.thin(Trajectory(np.arange(41.0), corner)).t.tolist() == [0, 20, 40]
@@ -140,14 +80,6 @@ def test_paper() -> None:
     made = thin.thin(straight(60))
     assert len(made) == 2
     assert max(thin.deviation(straight(60), made)) < 1e-5
-
-
-def test_again_changes_nothing() -> None:
-    """Every fifth point of every fifth is every twenty-fifth; a bound is kept at once."""
-    n = np.arange(200)
-    arc = Trajectory(0.5 * n, 200 * np.stack([np.sin(n / 40), 1 - np.cos(n / 40)], axis=1))
-    made = thin.thin(arc)
-    assert thin.thin(made).t.tolist() == made.t.tolist()
 
 
 def test_noisy_speed() -> None:
