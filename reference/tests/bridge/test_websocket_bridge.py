@@ -166,7 +166,7 @@ async def test_an_open_question_is_asked_again() -> None:
             assert not [f for f in it.seen if f.get("topic", "").endswith("proposal")]
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow  # in real time
 @pytest.mark.parametrize("connected", [False, True])
 async def test_silent_driving_software_frees_the_peer(connected: bool) -> None:
     """END-1, whether it is gone or only says nothing any more."""
@@ -219,6 +219,24 @@ class Driven:
             self.simulation.run(self.now)
             way = points((0, 0.0, 0.0), (1, 8.333, 0.0), ms=self.now)
             self.it.publish("plan", scenarios=["lane_change"], trajectory=way)
+
+
+def test_end_1_a_driver_that_falls_silent_frees_the_peer() -> None:
+    road = Driven()
+    road.it.op(op="subscribe", topic=ros.ProposalMsg.topic)
+    road.simulation.request(OTHER, 500)
+    while not any(ros.ProposalMsg.topic in text for text in road.it.texts):
+        road.it.publish("kinematics", **here(0.0, 0.0))
+        road.run(road.now + 100)
+    session = {"prescriber": OTHER, "number": 1}
+    road.it.publish("accept", session=session, proposal=1)
+    road.it.publish("kinematics", **here(0.0, 0.0))
+    road.simulation.run(road.now + 100)
+    assert road.simulation.services[BRIDGED].state.phase == "ACTUATING"
+    road.simulation.run(road.now + 5000)
+    assert road.other.application.names() == ["load", "fallback"]
+    assert road.other.application.told[-1] == ("fallback", (OTHER, 1), "abort")
+    assert '"reason":"no_driver"' in road.bridge._drive
 
 
 def test_act_2_before_the_first_position_no_cam_is_sent() -> None:

@@ -15,9 +15,11 @@ from typing import Any
 
 import pytest
 from bridge_stage import (
+    BRIDGED,
     OTHER,
     PATIENCE,
     TOKEN,
+    Operator,
     Recorder,
     World,
     client,
@@ -37,6 +39,7 @@ from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
 from automcm.service.application import Proposal
 from automcm_simulation.road.remote_application import RemoteApplication
+from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.vocabulary.messages import Trajectory
 
@@ -95,6 +98,16 @@ def test_without_websockets_it_says_what_to_install() -> None:
 
 # -- peers that flood, stall or send rubbish
 
+ABORT = "/v2x/mcm/input/abort"
+
+
+def operator() -> Operator:
+    """Of a bridge in virtual time."""
+    bridge = WebSocketBridge()
+    Simulation().add(BRIDGED, bridge)
+    return Operator(bridge)
+
+
 FULL_POINT = {"time_from_start": {}, "pose": {"position": {"x": 0.0, "y": 0.0}}}
 FULL_POSE = {
     "position": {"x": 1 / 3, "y": 1 / 3, "z": 1 / 3},
@@ -137,15 +150,14 @@ FULL_POSE = {
         (None, "msg"),
     ],
 )
-async def test_rubbish(sent: Any, problem: str) -> None:
-    async with World(Recorder()) as world, client(world, drives=False) as it:
-        if isinstance(sent, str | bytes):
-            await it.socket.send(sent)
-        else:
-            await it.op(op="publish", topic="/v2x/mcm/input/abort", msg=sent)
-        assert problem in await it.status()
-        await it.subscribe("state")
-        await it.until("state", driver=False)
+def test_rubbish(sent: Any, problem: str) -> None:
+    it = operator()
+    if isinstance(sent, str | bytes):
+        it.bridge._take(it.client, sent)
+    else:
+        it.publish("abort", **sent) if sent is not None else it.op(op="publish", topic=ABORT)
+    (status,) = it.statuses()
+    assert problem in status
 
 
 @pytest.mark.parametrize(
@@ -161,11 +173,11 @@ async def test_rubbish(sent: Any, problem: str) -> None:
         ({"speed": 1.0}, "speed: Extra"),
     ],
 )
-async def test_a_point_out_of_bounds(point: dict[str, Any], problem: str) -> None:
-    async with World(Recorder()) as world, client(world, drives=False) as it:
-        trajectory = {"points": [FULL_POINT | point]}
-        await it.publish("plan", scenarios=["a"], trajectory=trajectory)
-        assert f"msg.trajectory.points.0.{problem}" in await it.status()
+def test_a_point_out_of_bounds(point: dict[str, Any], problem: str) -> None:
+    it = operator()
+    it.publish("plan", scenarios=["a"], trajectory={"points": [FULL_POINT | point]})
+    (status,) = it.statuses()
+    assert f"msg.trajectory.points.0.{problem}" in status
 
 
 async def test_infinity_by_exponent_is_refused() -> None:
@@ -176,26 +188,32 @@ async def test_infinity_by_exponent_is_refused() -> None:
         )
         status = await it.read(lambda fields: fields["op"] == "status")
         assert "msg.pose.pose.position.x" in status["msg"] and status["id"] == "mine"
+        await it.subscribe("state")
+        await it.until("state", driver=False)
 
 
-async def test_times_must_grow_and_points_are_bounded() -> None:
-    async with World(Recorder()) as world, client(world, drives=False) as it:
-        standing = points((0, 0.0, 0.0), (1, 1.0, 0.0), (1, 2.0, 0.0))
-        await it.publish("plan", scenarios=["a"], trajectory=standing)
-        assert "msg.trajectory.points.2.time_from_start" in await it.status()
-        many = points(*((n, 0.0, 0.0) for n in range(autoware.MAX_POINTS + 1)))
-        await it.publish("plan", scenarios=["a"], trajectory=many)
-        assert "msg.trajectory.points" in await it.status()
+def test_times_must_grow_and_points_and_details_are_bounded() -> None:
+    it = operator()
+    standing = points((0, 0.0, 0.0), (1, 1.0, 0.0), (1, 2.0, 0.0))
+    many = points(*((n, 0.0, 0.0) for n in range(autoware.MAX_POINTS + 1)))
+    for way in (standing, many):
+        it.publish("plan", scenarios=["a"], trajectory=way)
+    for details in ({"a": ["x" * 100] * 100}, {"a": 1.5}):
+        it.publish("request", scenario="a", details=details)
+    where = [status.partition(":")[0] for status in it.statuses()]
+    assert where == [
+        *("msg.trajectory.points.2.time_from_start", "msg.trajectory.points"),
+        *("msg.details", "msg.details.a"),
+    ]
+
+
+async def test_the_most_points_fit_a_message() -> None:
+    async with World(Recorder()) as world, client(world, "state", drives=False) as it:
         full = {"time_from_start": {"sec": 0, "nanosec": 0}, "pose": FULL_POSE} | dict.fromkeys(
             list(autoware.TrajectoryPoint.model_fields)[2:], 1 / 3
         )
         way = [full | {"time_from_start": {"sec": n}} for n in range(autoware.MAX_POINTS)]
-        await it.publish("request", scenario="a", details={"a": ["x" * 100] * 100})
-        assert "msg.details" in await it.status()
-        await it.publish("request", scenario="a", details={"a": 1.5})
-        assert "msg.details.a" in await it.status()
         await it.publish("plan", scenarios=["a"], trajectory=points(ms=now_ms()) | {"points": way})
-        await it.subscribe("state")
         await it.until("state", driver=True, phase="STANDALONE")
 
 

@@ -7,8 +7,8 @@ import edits
 import pytest
 from edits import Line, write
 
-from automcm_spec.log_format.log import MessageTimer, Receive, Send, TimerArm, problems
-from automcm_spec.log_format.reader import LONGEST_LINE, Notice, read, records
+from automcm_spec.log_format.log import MessageTimer, Receive, TimerArm, problems
+from automcm_spec.log_format.reader import LONGEST_LINE, read
 from automcm_spec.support.bad_input import BadInput
 
 HEADER = edits.HEADER | {"spec": {"name": "Station", "hash": "abc"}}
@@ -77,21 +77,21 @@ def test_an_event_keeps_what_it_says(tmp_path: Path) -> None:
     assert armed.timer.message.session == (7, 1)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        {**RECEIVE, "message": {"type": "CAM", "x_note": 1, "anything": [True, {"a": "b"}]}},
-        RAW,
-        {**RAW, "raw": "/wA="},
-        {**RAW, "rejected": "stale"},
-        {**RESTART, "rule": "END-8", "phase": "STANDALONE"},
-        {**TIMER, "timer": {"name": "giveup"}},
-        {**TIMER, "timer": {"name": "forget", "station": 9}},
-        {**TIMER, "timer": {"name": "lease"}},
-        {**DONE, "op": "stop"},
-        {**DONE, "op": "expire"},
-    ],
-)
+TAKEN: list[Line] = [
+    {**RECEIVE, "message": {"type": "CAM", "x_note": 1, "anything": [True, {"a": "b"}]}},
+    RAW,
+    {**RAW, "raw": "/wA="},
+    {**RAW, "rejected": "stale"},
+    {**RESTART, "rule": "END-8", "phase": "STANDALONE"},
+    {**TIMER, "timer": {"name": "giveup"}},
+    {**TIMER, "timer": {"name": "forget", "station": 9}},
+    {**TIMER, "timer": {"name": "lease"}},
+    {**DONE, "op": "stop"},
+    {**DONE, "op": "expire"},
+]
+
+
+@pytest.mark.parametrize("line", TAKEN)
 def test_takes(tmp_path: Path, line: Line) -> None:
     assert len(read(write(tmp_path, HEADER, line, END)).events) == 1
 
@@ -104,102 +104,87 @@ def test_vendor_fields_are_ignored(tmp_path: Path) -> None:
     assert log == plain
 
 
-def test_a_message_is_kept_whole(tmp_path: Path) -> None:
-    sent = {**SEND, "message": {**MESSAGE, "x_lane": 2}}
-    [(_, event)] = read(write(tmp_path, HEADER, sent, END)).events
-    assert isinstance(event, Send)
-    assert event.message == sent["message"]
+REFUSED: list[tuple[Line, Line, str, str]] = [
+    (
+        HEADER,
+        {"schema": "automcm.trace/2"},
+        "schema",
+        "must be 'automcm.trace/1'; the version 'automcm.trace/2'",
+    ),
+    (HEADER, {"schema": "automcm.trace/2", "clock": 1.5}, "schema", "is not supported"),
+    (HEADER, {"schema": 1}, "schema", "is not supported"),
+    (HEADER, {"station": 0}, "station", "must be at least 1"),
+    (HEADER, {"station": 2**32}, "station", "must be at most 4294967295"),
+    (HEADER, {"station": "7"}, "station", "integer"),
+    (HEADER, {"station": True}, "station", "integer"),
+    (HEADER, {"run": ""}, "run", "must not be empty"),
+    (HEADER, {"host": "a"}, "host", "unknown field"),
+    (HEADER, {"implementation": {"name": "a"}}, "implementation.version", "missing"),
+    (HEADER, {"implementation": 3}, "implementation", "not a JSON object"),
+    (HEADER, {"spec": {"name": "Other", "hash": "a"}}, "spec.name", "Station"),
+    (HEADER, {"spec": None}, "spec", "null"),
+    (
+        HEADER,
+        {"parameters": {"t_resend": 0.1}},
+        "parameters.t_resend",
+        "must be an integer number of milliseconds, not 0.1",
+    ),
+    (HEADER, {"parameters": {"t_resend": -1}}, "parameters.t_resend", "must be at least 0"),
+    (HEADER, {"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
+    (HEADER, {"complete": ["send", "receive"]}, "complete", "sorted"),
+    (HEADER, {"complete": ["send", "send"]}, "complete", "without duplicates"),
+    (HEADER, {"complete": ["sleep"]}, "complete[0]", "'timer'"),
+    (RESTART, {"rec": "evnt"}, "rec", "must be one of"),
+    (RESTART, {"rec": 1}, "rec", "must be one of"),
+    (RESTART, {"ev": 4}, "ev", "string"),
+    (RESTART, {"seq": 0}, "seq", "must be at least 1"),
+    (RESTART, {"seq": 1.0}, "seq", "must be an integer, not 1.0"),
+    (RESTART, {"t_ms": -1}, "t_ms", "must be at least 0"),
+    (RESTART, {"t_ms": 2**53}, "t_ms", "must be at most"),
+    (RESTART, {"t_ms": None}, "t_ms", "null"),
+    (RESTART, {"message": MESSAGE}, "message", "unknown field"),
+    (RESTART, {"rule": 3}, "rule", "string"),
+    (RESTART, {"a\nb": 3}, "a\nb", "unknown field"),
+    (RESTART, {"x_load": 0.5}, "x_load", "must be an integer, not 0.5"),
+    (TIMER, {"deadline": 2**54 - 1}, "deadline", "must be at most"),
+    (SEND, {"tx": "7"}, "tx", 'such as "7:1"'),
+    (SEND, {"tx": 7}, "tx", "string"),
+    (SEND, {"message": []}, "message", "not a JSON object"),
+    (SEND, {"message": {"src": 7}}, "message.type", "must have a string"),
+    (SEND, {"message": {"type": 7}}, "message.type", "must have a string"),
+    (
+        SEND,
+        {"message": {"type": "CAM", "speed": 1.5}},
+        "message.speed",
+        "must be an integer, not 1.5",
+    ),
+    (SEND, {"message": {"type": "CAM", "a": [1, {"b": None}]}}, "message.a[1].b", "null"),
+    (SEND, {"raw": "AA=="}, "raw", "unknown field"),
+    (RECEIVE, {"raw": "AA=="}, "message", "exactly one"),
+    (RECEIVE, {"planned": [1]}, "planned", "not a JSON object"),
+    (RECEIVE, {"message": {"type": "Fin"}, "planned": {}}, "planned", "only with"),
+    (TIMER, {"op": "rewind"}, "op", "must be one of 'arm', 'stop', 'expire', not 'rewind'"),
+    (TIMER, {"op": "stop"}, "deadline", "unknown field"),
+    (TIMER, {"timer": {"name": "tea"}}, "timer.name", "must be one of"),
+    (TIMER, {"timer": {}}, "timer.name", "missing"),
+    (TIMER, {"timer": 3}, "timer", "not a JSON object"),
+    (TIMER, {"timer": {"name": "cam", "station": 1}}, "timer.station", "unknown field"),
+    (
+        TIMER,
+        {"timer": ARMED | {"message": RESENT | {"session": [7]}}},
+        "timer.message.session[1]",
+        "missing",
+    ),
+    (COMMAND, {"command": {"name": "dance"}}, "command.name", "'request'"),
+    (COMMAND, {"command": {"name": "abort", "why": None}}, "command.why", "null"),
+    (INDICATION, {"indication": {}}, "indication.name", "missing"),
+    (RAW, {"raw": "A"}, "raw", "must be base64"),
+    (RAW, {"rejected": ""}, "rejected", "must not be empty"),
+    (RECEIVE, {"rejected": "stale"}, "rejected", "only with 'raw'"),
+]
 
 
-def test_header_without_what_is_optional(tmp_path: Path) -> None:
-    header = {**HEADER, "parameters": {}, "complete": []}
-    del header["spec"]
-    log = read(write(tmp_path, header, {**END, "seq": 0}))
-    assert log.header.spec is None
-    assert log.events == []
-
-
-@pytest.mark.parametrize(
-    ("record", "change", "field", "problem"),
-    [
-        (
-            HEADER,
-            {"schema": "automcm.trace/2"},
-            "schema",
-            "must be 'automcm.trace/1'; the version 'automcm.trace/2'",
-        ),
-        (HEADER, {"schema": "automcm.trace/2", "clock": 1.5}, "schema", "is not supported"),
-        (HEADER, {"schema": 1}, "schema", "is not supported"),
-        (HEADER, {"station": 0}, "station", "must be at least 1"),
-        (HEADER, {"station": 2**32}, "station", "must be at most 4294967295"),
-        (HEADER, {"station": "7"}, "station", "integer"),
-        (HEADER, {"station": True}, "station", "integer"),
-        (HEADER, {"run": ""}, "run", "must not be empty"),
-        (HEADER, {"host": "a"}, "host", "unknown field"),
-        (HEADER, {"implementation": {"name": "a"}}, "implementation.version", "missing"),
-        (HEADER, {"implementation": 3}, "implementation", "not a JSON object"),
-        (HEADER, {"spec": {"name": "Other", "hash": "a"}}, "spec.name", "Station"),
-        (HEADER, {"spec": None}, "spec", "null"),
-        (
-            HEADER,
-            {"parameters": {"t_resend": 0.1}},
-            "parameters.t_resend",
-            "must be an integer number of milliseconds, not 0.1",
-        ),
-        (HEADER, {"parameters": {"t_resend": -1}}, "parameters.t_resend", "must be at least 0"),
-        (HEADER, {"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
-        (HEADER, {"complete": ["send", "receive"]}, "complete", "sorted"),
-        (HEADER, {"complete": ["send", "send"]}, "complete", "without duplicates"),
-        (HEADER, {"complete": ["sleep"]}, "complete[0]", "'timer'"),
-        (RESTART, {"rec": "evnt"}, "rec", "must be one of"),
-        (RESTART, {"rec": 1}, "rec", "must be one of"),
-        (RESTART, {"ev": 4}, "ev", "string"),
-        (RESTART, {"seq": 0}, "seq", "must be at least 1"),
-        (RESTART, {"seq": 1.0}, "seq", "must be an integer, not 1.0"),
-        (RESTART, {"t_ms": -1}, "t_ms", "must be at least 0"),
-        (RESTART, {"t_ms": 2**53}, "t_ms", "must be at most"),
-        (RESTART, {"t_ms": None}, "t_ms", "null"),
-        (RESTART, {"message": MESSAGE}, "message", "unknown field"),
-        (RESTART, {"rule": 3}, "rule", "string"),
-        (RESTART, {"a\nb": 3}, "a\nb", "unknown field"),
-        (RESTART, {"x_load": 0.5}, "x_load", "must be an integer, not 0.5"),
-        (TIMER, {"deadline": 2**54 - 1}, "deadline", "must be at most"),
-        (SEND, {"tx": "7"}, "tx", 'such as "7:1"'),
-        (SEND, {"tx": 7}, "tx", "string"),
-        (SEND, {"message": []}, "message", "not a JSON object"),
-        (SEND, {"message": {"src": 7}}, "message.type", "must have a string"),
-        (SEND, {"message": {"type": 7}}, "message.type", "must have a string"),
-        (
-            SEND,
-            {"message": {"type": "CAM", "speed": 1.5}},
-            "message.speed",
-            "must be an integer, not 1.5",
-        ),
-        (SEND, {"message": {"type": "CAM", "a": [1, {"b": None}]}}, "message.a[1].b", "null"),
-        (SEND, {"raw": "AA=="}, "raw", "unknown field"),
-        (RECEIVE, {"raw": "AA=="}, "message", "exactly one"),
-        (RECEIVE, {"planned": [1]}, "planned", "not a JSON object"),
-        (RECEIVE, {"message": {"type": "Fin"}, "planned": {}}, "planned", "only with"),
-        (TIMER, {"op": "rewind"}, "op", "must be one of 'arm', 'stop', 'expire', not 'rewind'"),
-        (TIMER, {"op": "stop"}, "deadline", "unknown field"),
-        (TIMER, {"timer": {"name": "tea"}}, "timer.name", "must be one of"),
-        (TIMER, {"timer": {}}, "timer.name", "missing"),
-        (TIMER, {"timer": 3}, "timer", "not a JSON object"),
-        (TIMER, {"timer": {"name": "cam", "station": 1}}, "timer.station", "unknown field"),
-        (
-            TIMER,
-            {"timer": ARMED | {"message": RESENT | {"session": [7]}}},
-            "timer.message.session[1]",
-            "missing",
-        ),
-        (COMMAND, {"command": {"name": "dance"}}, "command.name", "'request'"),
-        (COMMAND, {"command": {"name": "abort", "why": None}}, "command.why", "null"),
-        (INDICATION, {"indication": {}}, "indication.name", "missing"),
-        (RAW, {"raw": "A"}, "raw", "must be base64"),
-        (RAW, {"rejected": ""}, "rejected", "must not be empty"),
-        (RECEIVE, {"rejected": "stale"}, "rejected", "only with 'raw'"),
-    ],
-)
+@pytest.mark.parametrize(("record", "change", "field", "problem"), REFUSED)
 def test_refuses_in_a_record(
     tmp_path: Path, record: Line, change: Line, field: str, problem: str
 ) -> None:
@@ -209,16 +194,19 @@ def test_refuses_in_a_record(
     assert problem in error.problem
 
 
+REQUIRED: list[tuple[Line, tuple[str, ...]]] = [
+    (HEADER, ("schema", "run", "station", "implementation", "parameters")),
+    (SEND, ("tx", "message")),
+    (RECEIVE, ("message",)),
+    (TIMER, ("op", "timer", "deadline")),
+    (COMMAND, ("command",)),
+    (RESTART, ("ev", "seq", "t_ms", "rec")),
+]
+
+
 @pytest.mark.parametrize(
     ("record", "fields"),
-    [
-        (HEADER, ("schema", "run", "station", "implementation", "parameters")),
-        (SEND, ("tx", "message")),
-        (RECEIVE, ("message",)),
-        (TIMER, ("op", "timer", "deadline")),
-        (COMMAND, ("command",)),
-        (RESTART, ("ev", "seq", "t_ms", "rec")),
-    ],
+    REQUIRED,
     ids=lambda value: value.get("ev", "header") if isinstance(value, dict) else "",
 )
 def test_refuses_a_record_that_lacks(tmp_path: Path, record: Line, fields: tuple[str, ...]) -> None:
@@ -289,23 +277,9 @@ def test_refuses_what_is_no_file(tmp_path: Path, name: str, problem: str) -> Non
         read(tmp_path / name)
 
 
-def test_a_cut_last_line_is_a_warning(tmp_path: Path) -> None:
-    whole = json.dumps({**SEND, "seq": 2, "rule": "é"}, ensure_ascii=False).encode()
-    for length in range(1, len(whole)):
-        path = write(tmp_path, HEADER, RESTART, whole[:length])
-        log = read(path)
-        assert (log.truncated, log.ended, len(log.events)) == (True, False, 1)
-        assert log.warnings[0] == f"{path}:3: the last line is incomplete, ignored"
-
-
 def test_a_last_line_that_only_lacks_its_end_counts(tmp_path: Path) -> None:
     log = read(write(tmp_path, HEADER, RESTART, json.dumps(END).encode()))
     assert (log.truncated, log.ended, log.warnings) == (False, True, [])
-
-
-def test_a_last_line_without_end_is_refused_like_any_other(tmp_path: Path) -> None:
-    error = refused(tmp_path, HEADER, RESTART, json.dumps({**END, "seq": 9}).encode())
-    assert error.field == "seq"
 
 
 def test_a_missing_end_is_a_warning(tmp_path: Path) -> None:
@@ -330,13 +304,6 @@ def test_an_unknown_event_is_skipped_with_a_warning(tmp_path: Path) -> None:
 def test_an_unknown_event_still_counts(tmp_path: Path, change: Line, field: str) -> None:
     error = refused(tmp_path, HEADER, {**RESTART, "ev": "song", **change})
     assert (error.line, error.field) == (2, field)
-
-
-def test_records_gives_notices(tmp_path: Path) -> None:
-    entries = list(records(write(tmp_path, HEADER, {**RESTART, "ev": "song"}, b"{")))
-    kinds = [entry.record.kind for entry in entries if isinstance(entry.record, Notice)]
-    assert kinds == ["unknown_event", "truncated", "no_end"]
-    assert [entry.line for entry in entries] == [1, 2, 3, 3]
 
 
 COMMON: Line = {"v": 1, "src": 7, "dst": 8, "session": [7, 1], "seq": 1}

@@ -12,10 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from automcm_spec.log_format.log import RECORD, Header, record
-from automcm_spec.log_format.reader import MOST_WARNINGS, LogStream, Notice, read, records
+from automcm_spec.log_format.log import RECORD, record
+from automcm_spec.log_format.reader import MOST_WARNINGS, LogStream, read
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.lint import lint
 
 
 def restart(seq: int, **fields: Any) -> Line:
@@ -41,17 +40,6 @@ def test_a_stream_ends_before_a_gap(tmp_path: Path) -> None:
     assert whole.gap == log.gap and whole.ended
 
 
-def test_records_missing_before_the_end_are_a_gap_too(tmp_path: Path) -> None:
-    log = LogStream(write(tmp_path, HEADER, restart(1), end(3)))
-    assert [line for line, _ in log] == [2]
-    assert log.gap == (3, "seq: 3, but the last event has 1: 2 missing")
-
-
-def test_an_unknown_event_after_missing_ones_is_a_gap(tmp_path: Path) -> None:
-    log = LogStream(write(tmp_path, HEADER, restart(1), restart(3, ev="song"), restart(4)))
-    assert len(list(log)) == 1 and log.gap is not None and log.gap[0] == 3
-
-
 def test_what_is_missing_before_the_first_event_is_no_gap(tmp_path: Path) -> None:
     log = LogStream(write(tmp_path, HEADER, restart(3, ev="song"), restart(4), restart(6)))
     assert not log.mid_session
@@ -64,14 +52,6 @@ def test_a_seq_that_repeats_or_goes_back_is_no_gap(tmp_path: Path, seq: int) -> 
     path = write(tmp_path, HEADER, restart(1), restart(2), restart(seq))
     with pytest.raises(BadInput, match=rf"{seq} after 2, expected 3 \[seq\]$"):
         list(LogStream(path))
-
-
-def test_who_reads_a_whole_log_gets_no_gaps(tmp_path: Path) -> None:
-    path = write(tmp_path, HEADER, restart(1), restart(4), end(4))
-    with pytest.raises(BadInput, match=r"4 after 1, expected 2 \[seq\]$"):
-        read(path)
-    notices = [e.record for e in records(path, gaps=True) if isinstance(e.record, Notice)]
-    assert [notice.kind for notice in notices] == ["gap"]
 
 
 @pytest.mark.parametrize(
@@ -117,35 +97,6 @@ def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, sa
     with pytest.raises(BadInput, match=said) as caught:
         LogStream(write(tmp_path, start))
     assert caught.value.line == 1
-
-
-@pytest.mark.parametrize(
-    "line", [b"\xff\xfe{\x00\n", b"\xfe\xff\x00{\n", b"\x1f\x8b\x08\n", b"PK\x03\x04\n"]
-)
-def test_only_the_first_bytes_of_a_file_say_what_file_it_is(tmp_path: Path, line: bytes) -> None:
-    path = write(tmp_path, HEADER, restart(1), line, restart(2), end(2))
-    with pytest.raises(BadInput) as caught:
-        list(LogStream(path))
-    (finding,) = (f for f in lint(path) if f.at.line == 3)
-    for problem in (caught.value.problem, finding.observed):
-        assert problem.startswith("not ") and "this is" not in problem
-    if not line.startswith(b"PK"):
-        assert finding.rule == "text" and finding.observed == "not UTF-8 at byte " + str(
-            next(n for n in range(1, len(line)) if not utf_8(line[:n]))
-        )
-
-
-def utf_8(data: bytes) -> bool:
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
-def test_crlf_is_read_all_the_same(tmp_path: Path) -> None:
-    lines = [json.dumps(line).encode() + b"\r\n" for line in (HEADER, restart(1), end(1))]
-    assert len(list(LogStream(write(tmp_path, *lines)))) == 1
 
 
 def test_warnings_are_kept_within_bounds(tmp_path: Path) -> None:
@@ -258,10 +209,3 @@ def test_the_quick_way_takes_no_float_for_an_integer(other: Any) -> None:
         for changed in with_each_value(line, other):
             data = json.dumps(changed).encode()
             assert repr(outcome(data, True)) == repr(outcome(data, False)), data
-
-
-def test_the_quick_way_is_taken_and_gives_the_same(tmp_path: Path) -> None:
-    for line in EVENTS[:-1]:
-        text = json.dumps(line).encode()
-        assert record(text) == RECORD.validate_json(text)
-    assert isinstance(record(json.dumps(HEADER).encode()), Header)
