@@ -1,4 +1,4 @@
-"""Small cells of every experiment, and their results: ``fixed_cells.json``.
+"""Small cells of every experiment, and their results: ``fixed_cells.json``; the committed reports.
 
 To renew the results after a change that is meant to change them: ``python fixed_cells.py``.
 """
@@ -6,13 +6,21 @@ To renew the results after a change that is meant to change them: ``python fixed
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from automcm_evaluation.sweeps import sweep
+from automcm_evaluation.sweeps import report, sweep
 
+EVALUATION = Path(__file__).parents[2] / "docs" / "evaluation"
 FILE = Path(__file__).with_suffix(".json")
 CELLS: list[dict[str, Any]] = json.loads(FILE.read_text(encoding="utf-8"))
+
+
+@cache
+def committed(name: str) -> Any:
+    """The report of an experiment, with its summary and claims from the cells."""
+    return report.load(EVALUATION / name / report.RESULTS)
 
 
 def rounded(value: Any) -> Any:

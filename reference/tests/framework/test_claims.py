@@ -7,24 +7,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
+from fixed_cells import committed
 
 from automcm_evaluation.framework.claims import Claim
-from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.catalogue import experiment
 
 Json = Any
-EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
 YES, SHAPE, NO, BEYOND = "reproduced", "in shape only", "not reproduced", "beyond the paper"
-
-
-@cache
-def committed(name: str) -> Json:
-    return report.load(EVALUATION / name / report.RESULTS)
 
 
 def places(at: Json, part: str) -> Iterator[Json]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fixed_cells import committed
 from pydantic import Field
 
 from automcm_evaluation.framework import experiment
@@ -24,7 +25,6 @@ from automcm_evaluation.framework.intervals import mean, quantile, wilson
 from automcm_evaluation.sweeps import catalogue, report, sweep
 
 Json = Any
-EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
 
 
 CLAIMS = """
@@ -336,7 +336,7 @@ def test_mean_and_quantile() -> None:
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
-    made = report.load(EVALUATION / name / report.RESULTS)
+    made = committed(name)
     drawn = [figure for figure, _ in catalogue.experiment(name).figures(made)]
     shown = [line for line in report.page(made).splitlines() if line.startswith("![")]
     assert sorted(line.split("](")[1] for line in shown) == [f"{n}.svg)" for n in sorted(drawn)]

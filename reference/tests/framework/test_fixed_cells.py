@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import lzma
-from pathlib import Path
 from typing import Any
 
 import fixed_cells
 import pytest
+from fixed_cells import EVALUATION, committed
 
 from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
-
-EVALUATION = Path(__file__).resolve().parents[3] / "docs" / "evaluation"
 
 
 @pytest.mark.parametrize(
@@ -25,15 +23,16 @@ def test_a_cell_has_the_result_that_is_kept(cell: Any) -> None:
     assert fixed_cells.result(cell) == cell["result"]
 
 
-@pytest.mark.parametrize("path", report.results(EVALUATION), ids=lambda path: path.parent.name)
-def test_the_committed_cells_give_the_committed_summary_and_claims(path: Path) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_the_committed_cells_give_the_committed_summary_and_claims(name: str) -> None:
+    (path,) = (path for path in report.results(EVALUATION) if path.parent.name == name)
     data = path.read_bytes()
     written = json.loads(lzma.decompress(data) if path.suffix == ".xz" else data)
-    assert json.loads(json.dumps(report.load(path))) == written
+    assert json.loads(json.dumps(committed(name))) == written
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_committed_cells_are_those_of_the_settings(name: str) -> None:
-    made, of = report.load(EVALUATION / name / report.RESULTS), experiment(name)
+    made, of = committed(name), experiment(name)
     cells = of.cells(of.settings.model_validate(made["settings"]))
     assert [cell["values"] for cell in made["cells"]] == json.loads(json.dumps(cells))

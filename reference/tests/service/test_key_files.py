@@ -86,29 +86,8 @@ def test_an_error_names_the_file_and_shows_nothing_of_it(
     assert not any(line in str(caught.value) for line in lines)
 
 
-@pytest.mark.parametrize("name", ["key.pem", "certificate.cwt"])
-def test_a_missing_file_is_named(folder: Path, name: str) -> None:
-    (folder / name).unlink()
-    with pytest.raises(KeyFileError, match=f"{name}: No such file"):
-        key_files.load(folder)
-
-
 def test_a_station_without_authority_is_refused(folder: Path) -> None:
     for path in (folder / "authorities").iterdir():
         path.unlink()
     with pytest.raises(KeyFileError, match="authorities: expected the public key"):
         key_files.load_verifier(folder, JSON, Parameters())
-
-
-def test_a_key_of_another_curve_is_refused(tmp_path: Path) -> None:
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    path = tmp_path / "other.pem"
-    path.write_bytes(cose.private_pem(ec.derive_private_key(5, ec.SECP384R1())))
-    path.chmod(0o600)
-    with pytest.raises(KeyFileError, match="P-256"):
-        key_files.load_key(path)
-
-
-def test_a_new_key_is_new() -> None:
-    assert cose.new_key().private_numbers() != cose.new_key().private_numbers()

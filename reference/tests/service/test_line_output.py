@@ -30,15 +30,6 @@ def pipe() -> Iterator[tuple[int, int]]:
             assert fd == reading  # a test closed it
 
 
-def test_lines_come_out_whole_and_in_order(pipe: tuple[int, int]) -> None:
-    out = LineOutput(pipe[1])
-    lines = [b"%d\n" % n * 100 for n in range(100)]
-    for line in lines:
-        out.write(line)
-    out.finish(SOON_S)
-    assert os.read(pipe[0], 10**6) == b"".join(lines) and out.lost == 0
-
-
 def test_nothing_waits_for_a_reader_and_what_does_not_fit_is_counted(pipe: tuple[int, int]) -> None:
     told: list[str] = []
     out = LineOutput(pipe[1], trouble=told.append, waiting_bytes=10**5)
@@ -50,18 +41,6 @@ def test_nothing_waits_for_a_reader_and_what_does_not_fit_is_counted(pipe: tuple
     out.finish(0)
     assert out.lost >= 1000 - 2**16 // len(line) - 2
     out.write(line)  # after the end: no more than lost
-
-
-def test_a_reader_that_is_slow_gets_everything_that_fits(pipe: tuple[int, int]) -> None:
-    out = LineOutput(pipe[1])
-    for n in range(20_000):
-        out.write(b"%05d\n" % n)
-    got = b""
-    while len(got) < 6 * 20_000:
-        got += os.read(pipe[0], 4096)
-    assert got.split() == [b"%05d" % n for n in range(20_000)]
-    out.finish(SOON_S)
-    assert out.lost == 0
 
 
 def test_a_descriptor_that_somebody_made_non_blocking_is_waited_for(pipe: tuple[int, int]) -> None:

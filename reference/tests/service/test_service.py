@@ -14,14 +14,12 @@ from automcm.service.application import (
     AgreedManeuver,
     Choice,
     CloseWindow,
-    Kinematics,
     Proposal,
     all_answered,
 )
 from automcm.service.service import McService
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import LANE_CHANGE
-from automcm_spec.vocabulary.application import Refuse
 from automcm_spec.vocabulary.messages import BROADCAST, Cancel, Intention, encode
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -45,24 +43,6 @@ def test_act_1_neg_6_both_drive_what_was_accepted_and_each_knows_from_when_until
     calls = prescriber.calls + receiver.calls
     assert {type(call) for call in calls} == {Advertised, Choice, Proposal, AgreedManeuver, tuple}
     assert not any(hasattr(call, "seq") for call in calls)
-
-
-def test_neg_7_a_refused_proposal_is_chosen_anew_for_the_same_target() -> None:
-    prescriber, receiver, simulation = pair()
-    receiver.refuse_first = 1
-    simulation.run(9000)
-    first, second = prescriber.of(Choice)
-    assert (first.proposal, first.target, set(first.planned)) == (1, 0, {2})
-    assert (second.proposal, second.target, second.reason) == (2, 2, "unsafe")
-    assert [p.proposal for p in receiver.of(Proposal)] == [1, 2]
-
-
-def test_neg_3_a_verdict_that_comes_too_late_is_told_as_undecided() -> None:
-    _, receiver, simulation = pair()
-    receiver.think_ms = 600
-    simulation.run(5000)
-    assert ("refused", "undecided", "NEG-3") in receiver.calls
-    assert any(call[:2] == ("refused", "accept") for call in receiver.of(tuple))
 
 
 def chosen_at(
@@ -111,14 +91,6 @@ def test_adv_9_without_a_known_neighbour_the_window_stays_open() -> None:
     assert wire.of("Cancel")[-1].reason == "closed"  # ADV-5, as after the expiry
 
 
-def test_adv_9_a_cam_of_who_has_answered_closes_the_window() -> None:
-    service, _, _ = alone(close_window=all_answered)
-    service.command(LANE_CHANGE)
-    service.receive(encode(Intention(src=2, dst=1, session=(1, 1), seq=1, planned=PATH)))
-    service.receive(cam(2, 10))
-    assert service.state.phase == "CHOOSING"
-
-
 def test_adv_9_the_window_stays_open_if_all_have_withdrawn() -> None:
     service, _, _ = alone(close_window=all_answered)
     service.command(LANE_CHANGE)
@@ -154,18 +126,6 @@ def test_act_2_cams_go_out_at_t_cam_in_every_phase_with_the_marks() -> None:
     assert len(times) == 8 and {b - a for a, b in pairwise(times)} == {250}
     assert all(cam.marks == ((1, 1),) for cam in cams)
     assert all(to == BROADCAST for message, to, _ in wire.sent if message.type == "CAM")
-
-
-def test_a_cam_says_where_the_application_is() -> None:
-    class Parked(Noted):
-        def kinematics(self, now_ms: int) -> Kinematics:
-            return Kinematics(1000, -200, 1571, 5, 9000, 2500, 300)
-
-    _, wire, clock = alone(Parked())
-    clock.run(100)
-    cam = wire.of("CAM")[0]
-    assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (1000, -200, 1571, 5)
-    assert (cam.length_mm, cam.width_mm, cam.sigma_mm) == (9000, 2500, 300)
 
 
 def test_app_1_the_application_knows_the_extent_of_whom_it_hears() -> None:
@@ -208,25 +168,3 @@ def test_an_alarm_that_rings_early_or_a_clock_that_goes_back_stalls_nothing() ->
         clock.ring(time=max(0, 50 * n - 70))
     assert len(wire.of("Advertisement")) == 21 and service.state.phase == "STANDALONE"
     assert len(clock.alarms) == 1  # a single alarm
-
-
-def test_one_alarm_is_set_however_much_happens() -> None:
-    service, wire, clock = alone(clock=Jumpy())
-    service.command(LANE_CHANGE)
-    for src in range(2, 8):
-        intention = Intention(src=src, dst=1, session=(1, 1), seq=1, planned=PATH)
-        wire.receive(encode(intention), None)
-        assert len(clock.alarms) == 1
-    assert clock.alarms[0][0] == min(service.station.next_deadline() or 0, service._cam_due)
-
-
-def test_statistics_say_how_late_an_alarm_was() -> None:
-    service, _, clock = alone(clock=Jumpy())
-    due = clock.alarms[0][0]
-    clock.ring(due + 70)
-    assert service.statistics.latest_ms == 70
-
-
-def test_refuse_is_a_command_of_its_proposal() -> None:
-    proposal = Proposal((1, 1), 2, PATH, 0, 1)
-    assert proposal.refuse() == Refuse(session=(1, 1), proposal=2)

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_stage import Jumpy, Noted, Wire, alone, cam, pair
+from service_stage import Jumpy, Noted, alone, cam, pair
 
 from automcm.encoding.codec import JSON
-from automcm.links.clock import VirtualClock
 from automcm.links.simulated_radio import Channel
 from automcm.service import event_log
-from automcm.service.application import Advertised, Kinematics, Proposal
-from automcm.service.service import NEIGHBOURS, McService
+from automcm.service.application import Advertised, Proposal
+from automcm.service.service import NEIGHBOURS
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.log_format.reader import read
@@ -25,7 +24,6 @@ from automcm_spec.vocabulary.messages import (
     MAX_BYTES,
     Advertisement,
     Fin,
-    Session,
     Trajectory,
     encode,
 )
@@ -154,66 +152,6 @@ def test_end_8_while_a_number_cannot_be_kept_nothing_goes_on_the_air() -> None:
     broken = False
     clock.run(clock.now() + 1000)
     assert len(wire.of("Advertisement")) > 5
-
-
-def test_a_position_that_raises_delays_the_next_cam_and_no_more() -> None:
-    class Lost(Noted):
-        asked = 0
-
-        def kinematics(self, now_ms: int) -> Kinematics:
-            self.asked += 1
-            raise RuntimeError("no position")
-
-    application = Lost()
-    _, wire, clock = alone(application)
-    for _ in range(10):
-        with pytest.raises(RuntimeError, match="no position"):
-            clock.run(1000)
-    clock.run(1000)
-    assert application.asked == 10 and wire.of("CAM") == []
-
-
-def test_a_command_given_before_the_start_is_carried_out_then() -> None:
-    clock, wire = VirtualClock(), Wire()
-    service = McService(1, Noted(), wire, clock)
-    service.command(LANE_CHANGE)
-    assert wire.sent == []
-    service.start()
-    assert len(wire.of("Advertisement")) == 1
-
-
-def test_a_service_closed_within_a_callback_sends_nothing_more() -> None:
-    class Quits(Noted):
-        def fallback(self, session: Session, reason: str) -> None:
-            self.service.command(LANE_CHANGE)
-            service.close()
-
-    service, wire, clock = alone(Quits())
-    service.command(LANE_CHANGE)
-    clock.run(9000)
-    assert len(wire.of("Advertisement")) == 21
-    assert {a.session for a in wire.of("Advertisement")} == {(1, 1)}
-
-
-def test_a_service_can_be_started_again() -> None:
-    service, wire, clock = alone()
-    clock.run(500)
-    service.close()
-    clock.run(1000)
-    before = len(wire.of("CAM"))
-    service.start()
-    clock.run(2000)
-    assert len(wire.of("CAM")) - before == pytest.approx(10, abs=1)
-
-
-def test_end_5_the_application_is_not_asked_about_its_own_echo_nor_when_it_is_bound() -> None:
-    application = Noted()
-    _, wire, _ = alone(application)
-    wire.receive(advertisement(1), None)
-    assert application.calls == []
-    for src in (2, 2, 3):
-        wire.receive(advertisement(src), None)
-    assert [call.session for call in application.calls] == [(2, 1)]
 
 
 def test_a_log_holds_cams_raw_bytes_and_the_transmission_of_each_input(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import re
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -23,8 +22,8 @@ from automcm.service import key_files
 from automcm.service.authority_folder import AuthorityFolder
 from automcm.service.key_files import KeyFileError
 from automcm.service.station_keys import POLL_MS, SOON_S, StationKeys
-from automcm.service.station_process import _SIGNED, StationProcess
-from automcm_spec.vocabulary.messages import Cam, Fin, encode
+from automcm.service.station_process import StationProcess
+from automcm_spec.vocabulary.messages import Fin, encode
 from automcm_spec.vocabulary.parameters import ParameterError, Parameters
 
 
@@ -83,19 +82,6 @@ def test_a_renewed_certificate_is_taken_and_nothing_else_of_it_changes(
     assert (new.ids, new.roles, new.point) == (old.ids, old.roles, old.point)
 
 
-def test_a_folder_behind_a_link_can_be_replaced_with_its_key(
-    tmp_path: Path, folder: Path, authority: AuthorityFolder
-) -> None:
-    authority.issue(tmp_path / "2", ids=[1], not_before=0, not_after=DAY)
-    present = tmp_path / "present"
-    present.symlink_to(folder)
-    watched = Watched(present)
-    (tmp_path / "next").symlink_to(tmp_path / "2")
-    (tmp_path / "next").rename(present)
-    assert watched.polled() == []
-    assert watched.links[1].signer.credentials.certificate.ids == (1,)
-
-
 def test_end_8_a_certificate_for_another_id_is_refused_once_and_out_of_a_session_too(
     tmp_path: Path, folder: Path, authority: AuthorityFolder
 ) -> None:
@@ -109,18 +95,6 @@ def test_end_8_a_certificate_for_another_id_is_refused_once_and_out_of_a_session
     assert watched.links[1].signer.credentials.certificate.ids == (1, 11)
     with pytest.raises(KeyFileError, match="END-8"):
         keys(folder)
-
-
-def test_a_key_that_comes_after_its_certificate_is_waited_for(
-    tmp_path: Path, folder: Path, authority: AuthorityFolder
-) -> None:
-    watched = Watched(folder)
-    new = authority.issue(tmp_path / "2", ids=[1], not_before=0, not_after=DAY)
-    names = ("certificate.cwt", "key.pem")
-    for name, complaints in zip(names, (1, 0), strict=True):
-        (folder / name).write_bytes((tmp_path / "2" / name).read_bytes())
-        assert len(watched.polled()) == complaints
-    assert watched.links[1].signer.credentials.certificate == new
 
 
 @pytest.mark.parametrize(
@@ -143,14 +117,6 @@ def test_a_file_that_cannot_be_used_changes_nothing_and_is_reported_once(
     (complaint,) = watched.polled()
     assert said in complaint and complaint.endswith("nothing has changed")
     assert watched.polled() == [] and not watched.reports
-
-
-def test_a_key_that_others_can_read_is_not_taken(folder: Path, authority: AuthorityFolder) -> None:
-    watched = Watched(folder)
-    (folder / "key.pem").chmod(0o644)
-    authority.renew(folder, not_before=0, not_after=2 * DAY)
-    (said,) = watched.polled()
-    assert "chmod 600" in said and not watched.reports
 
 
 def test_a_list_is_taken_when_it_is_new_and_not_when_it_is_the_same_or_old(
@@ -204,17 +170,6 @@ def test_a_certificate_that_is_not_valid_is_not_taken(
     watched.clock.run(9000)
     watched.polled()
     assert watched.links[1].signer.credentials.certificate.not_before == 9
-
-
-def test_the_problem_of_a_certificate(tmp_path: Path, folder: Path) -> None:
-    verifier = key_files.load_verifier(folder, JSON, Parameters())
-    own = key_files.load(folder).certificate
-    stranger = AuthorityFolder.create(tmp_path / "stranger")
-    other = stranger.issue(tmp_path / "3", ids=[3], not_before=0, not_after=DAY)
-    forged = replace(other, authority=own.authority)
-    found = [verifier.problem(each, 0) for each in (own, other, forged)]
-    assert found == [None, "unknown_authority", "bad_signature"]
-    assert verifier.problem(own, DAY * 1000) == "certificate_expired"
 
 
 def test_a_station_whose_certificate_is_revoked_does_not_start(
@@ -328,18 +283,6 @@ def test_a_list_grows_and_a_new_station_gets_it(tmp_path: Path, authority: Autho
     authority.issue(tmp_path / "1", ids=[1], not_before=0, not_after=DAY)
     (copy,) = key_files.revoked_lists(tmp_path / "1")
     assert copy.read_bytes() == authority.revoked_list.read_bytes()
-
-
-@pytest.mark.parametrize("whole", [False, True])
-@pytest.mark.parametrize("ids", [(1,), tuple(range(2**31, 2**31 + 16))])
-def test_the_beginning_of_an_envelope_is_known(whole: bool, ids: tuple[int, ...]) -> None:
-    for scenarios in (None, ["s" * 40]):
-        message = Fin(src=1, dst=2, session=(1, 1), seq=2)
-        of = credentials(*ids, scenarios=scenarios)
-        assert _SIGNED.match(seal(of, message, whole=whole))
-    cam = Cam(src=1, generation_ms=0, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=())
-    for plain in (encode(message), encode(cam), b"", b"\x84"):
-        assert not _SIGNED.match(plain)
 
 
 @pytest.mark.parametrize("keys", [None, object()])
