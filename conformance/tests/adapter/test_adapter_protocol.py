@@ -301,14 +301,6 @@ def test_the_schema_takes_and_refuses_the_same() -> None:
 # -- the adapter of the reference
 
 
-def test_the_adapter_answers_hello_and_stops() -> None:
-    lines = b'{"cmd": "hello", "protocol": 1}\n{"cmd": "stop"}\n{"cmd": "hello", "protocol": 1}\n'
-    done = subprocess.run(REFERENCE, input=lines, capture_output=True)
-    assert done.returncode == 0 and done.stderr == b""
-    (answer,) = done.stdout.splitlines()
-    assert json.loads(answer) == adapter_lines.HELLO
-
-
 def test_the_adapter_answers_before_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     with Process(REFERENCE) as adapter:
@@ -316,6 +308,9 @@ def test_the_adapter_answers_before_it_waits(monkeypatch: pytest.MonkeyPatch) ->
         assert json.loads(answer) == adapter_lines.HELLO and adapter.stop() is None
 
 
-def test_the_adapter_ends_with_its_input() -> None:
+def test_the_adapter_ends_with_stop_or_its_input() -> None:
+    hello = b'{"cmd": "hello", "protocol": 1}\n'
+    stopped = adapter_lines.serve([hello, b'{"cmd": "stop"}\n', hello])
+    assert [json.loads(answer) for answer in stopped] == [adapter_lines.HELLO]
     done = subprocess.run(REFERENCE, input=b"{}\n", capture_output=True)
-    assert done.returncode == 0 and set(json.loads(done.stdout)) == {"error"}
+    assert done.returncode == 0 and set(json.loads(done.stdout)) == {"error"} and not done.stderr

@@ -29,19 +29,6 @@ def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
         assert not line or name in text.splitlines()[int(line) - 1], link
 
 
-def test_what_is_found_is_what_is_there(found: dict[str, dict[str, Cell]]) -> None:
-    assert "OnForeignPrescription" in [name for name, _ in found["NEG-4"]["specification"]]
-    assert "no_busy_refusal" in [name for name, _ in found["NEG-4"]["must fail"]]
-    assert ("negotiating.py", "reference/automcm/core/negotiating.py") in found["NEG-4"]["code"]
-    assert "AMCM/PRE/NEG/BI-01" in [name for name, _ in found["NEG-4"]["case"]]
-    assert found["KIN-3"]["vector"] == [
-        (f"{name}.json", f"conformance/vectors/{name}.json") for name in ("collide", "extents")
-    ]
-    assert "no_re_ack" in [name for name, _ in found["END-3"]["counterexample"]]
-    assert [name for name, _ in found["T-2"]["specification"]] == ["HazardInv"]
-    assert "on_foreign_prescription" in [name for name, _ in found["NEG-4"]["log tools"]]
-
-
 def test_no_cell_is_empty_without_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "**none**" not in citations.table(ROOT)
     (_, rules, _), *others = uncited.WHY

@@ -41,6 +41,21 @@ def test_end_1_a_cell_in_which_the_acting_prescriber_is_told_to_stop(
     assert "| Cancel(abort) |" in faults_page.markdown(results([cell]))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "fault", ["standard output: closed", "standard output: no space", "select fails", "SIGKILL"]
+)
+def test_a_fault_while_a_station_acts_does_what_the_page_says(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("faults.PHASES", [p for p in PHASES if p[1] == "ACTUATING"])
+    cells = asyncio.run(matrix([fault], 2, tmp_path))
+    assert [(cell.outcome in WHY[fault].acting, cell.problems) for cell in cells] == [
+        (True, []),
+        (True, []),
+    ]
+
+
 def acted(left_s: float, cams: list[tuple[float, bool]], end_s: float, folder: Path) -> Cell:
     """A cell whose station left at ``left_s`` and whose peer acted until ``end_s``."""
     session = (1, 1)

@@ -100,47 +100,6 @@ def limit(running: Running, size: int) -> None:
     resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (size, hard))
 
 
-@pytest.mark.slow
-@BOTH
-def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: Path) -> None:
-    with road(tmp_path) as on:
-        receiver = [] if victim == RECEIVER else ["--request-after", "300", "--target", "2"]
-        args = ["--via", on.via, "--set", "t_timeout=400", "--listen", "0", "--first"]
-        args += ["--id", str(victim), "--log", str(on.log(victim)), *receiver]
-        peer = on.station(RECEIVER) if victim == PRESCRIBER else None
-        with open("/dev/full", "wb") as full:
-            done = subprocess.Popen(
-                [*AUTOMCM, "station", *args], stdout=full, stderr=subprocess.PIPE, text=True
-            )
-        while not on.log(victim).exists() and done.poll() is None:
-            pass
-        peer = peer or on.prescriber()
-        peer.until(event="phase", phase="ACTUATING")
-        peer.until(event="phase", phase="STANDALONE", rule="ACT-3")
-        done.terminate()
-        assert done.wait(LIMIT_S) == 0
-        assert done.stderr is not None
-        errors = done.stderr.read().splitlines()
-        done.stderr.close()
-    assert len(errors) == 2 and all("standard output" in line for line in errors)
-
-
-@pytest.mark.slow
-@BOTH
-def test_a_station_goes_on_when_nobody_reads_its_reports_any_more(
-    victim: int, tmp_path: Path
-) -> None:
-    with road(tmp_path) as on:
-        cut, peer = pair(on, victim)
-        cut.until(event="start")
-        cut.lines.close()
-        peer.until(event="phase", phase="ACTUATING")
-        assert peer.until(event="phase", phase="STANDALONE")["rule"] == "ACT-3"
-        cut.signal(signal.SIGTERM)
-        assert (cut.wait(), cut.errors()) == (0, "")
-    assert read(on.log(victim)).end is not None
-
-
 @pytest.mark.sweep(1)
 @pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @BOTH

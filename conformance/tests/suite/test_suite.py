@@ -12,7 +12,6 @@ import pytest
 from broken_stations import broken
 from suite_stage import ACCEPTS, BUSY, FOREIGN, IGNORES, LATER, LIMIT, SHORT, Suite, graph, of
 from suite_stage import conform as conform
-from test_process import gone
 from wrong_station import station
 
 from automcm.adapters.adapter_lines import HELLO
@@ -114,21 +113,6 @@ def test_some_crashes_do_not_end_the_run(conform: Suite) -> None:
 
 
 @pytest.mark.slow
-def test_it_crashes_when_it_has_answered(conform: Suite) -> None:
-    code = """
-def answer(c):
-    out = right(c)
-    if station._station and foreign(c):
-        os.write(1, json.dumps(out).encode() + b"\\n")
-        os._exit(3)
-    return out
-"""
-    found = conform(station(code), BUSY, ACCEPTS, LATER, states=60)
-    assert of(found, BUSY).verdict == "ERROR"
-    assert of(found, ACCEPTS).verdict == of(found, LATER).verdict == "PASS"
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("again", ["os._exit(5)", "print('no', flush=True)"])
 def test_it_cannot_be_started_again(conform: Suite, again: str) -> None:
     file = conform.folder / "started"
@@ -140,22 +124,6 @@ def bad(): os._exit(3)
 """
     found = conform(station(NARROW, first), BUSY, ACCEPTS, LATER, states=60)
     assert of(found, BUSY).verdict == "ERROR" and found.exit_code == 3
-
-
-@pytest.mark.slow
-def test_its_children_end_with_it(conform: Suite) -> None:
-    file = conform.folder / "children"
-    fork = f"""
-if (child := os.fork()) == 0:
-    time.sleep(600)
-with open({str(file)!r}, "a") as out:
-    print(child, os.getpid(), file=out)
-def bad(): os._exit(3)
-"""
-    conform(station(fork + NARROW), BUSY, states=60)
-    pids = file.read_text().split()
-    assert len(pids) >= 4
-    assert all(gone(int(pid)) for pid in pids)
 
 
 @pytest.mark.slow

@@ -6,15 +6,14 @@ import json
 from collections.abc import Sequence
 
 import pytest
-from suite_stage import ACCEPTS, BUSY, IGNORES, LATER, LIMIT, Suite, of
+from suite_stage import ACCEPTS, BUSY, IGNORES, LATER, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import ProtocolError
-from automcm_conformance.exchange import records, tours
+from automcm_conformance.exchange import tours
 from automcm_conformance.exchange.answers import differences
-from automcm_conformance.exchange.exchange import Mismatch
 from automcm_conformance.exchange.wire import Required, Wire
 from automcm_conformance.suite import graph_cases
 from automcm_spec.vocabulary.station import Message
@@ -63,22 +62,6 @@ def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.Monke
         assert [c.reached for c in wrong.cases[:2]] == [c.total for c in right.cases[:2]]
     pairs = sum(case.total for case in right.cases)
     assert max(sent[::2]) < 4 * pairs, "no pair is driven twice"
-
-
-@pytest.mark.slow
-def test_a_replay_fails_again_and_passes_on_the_reference(conform: Suite) -> None:
-    found = conform(station(IGNORES), BUSY, states=60)
-    file = conform.folder / "report" / of(found, BUSY).failures[0].replay
-    about, steps = records.read_replay(file)
-    assert about["case"] == BUSY and about["rule"] == "NEG-4"
-    bad, good = Adapter(station(IGNORES), LIMIT), Adapter(station(), LIMIT)
-    try:
-        with pytest.raises(Mismatch, match="not sent: Acceptance"):
-            records.replayed(steps, bad)
-        records.replayed(records.read_replay(file)[1], good)
-    finally:
-        bad.stop()
-        good.stop()
 
 
 def test_a_way_that_goes_wrong_is_inconclusive(conform: Suite) -> None:
