@@ -29,6 +29,7 @@ import browser_colour_checks
 import browser_firefox
 import browser_firefox_checks
 import browser_room_checks
+import browser_run_checks
 import browser_view_checks
 from browser_pages import write_all
 from browser_stage import Browser, chromium
@@ -47,7 +48,13 @@ def _checks(*modules: ModuleType) -> list[Callable[[Any, Path], None]]:
     ]
 
 
-CHECKS = _checks(browser_checks, browser_view_checks, browser_room_checks, browser_colour_checks)
+CHECKS = _checks(
+    browser_checks,
+    browser_view_checks,
+    browser_room_checks,
+    browser_colour_checks,
+    browser_run_checks,
+)
 FIREFOX_CHECKS = _checks(browser_firefox_checks)
 
 

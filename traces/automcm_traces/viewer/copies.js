@@ -6,6 +6,25 @@ const FOLDED = column("copy").map((back, row) => (back ? row - back : -1));
 const copies = new Map();
 for (const head of FOLDED) if (head >= 0) copies.set(head, (copies.get(head) ?? 0) + 1);
 
+/* By row the kinds of its arrows as bits, and how many of its messages were lost; for the row of
+   folded copies also those of all together. */
+const fates = new Int32Array(COUNT), losses = new Int32Array(COUNT);
+for (const { first, last, kind } of arrows) {
+  for (const row of new Set([first, last])) fates[row] |= 1 << kind;
+  if (kind === LOST) losses[first]++;
+}
+const fatesOfAll = fates.slice(), lossesOfAll = losses.slice();
+for (let row = 0; row < COUNT; row++) {
+  if (FOLDED[row] < 0) continue;
+  fatesOfAll[FOLDED[row]] |= fates[row];
+  lossesOfAll[FOLDED[row]] += losses[row];
+}
+
+/** Whether the copies of a row are folded into it. */
+const holdsCopies = (row) => copies.has(row) && !filters.copies.checked && !now.unfolded.has(row);
+const lossesOf = (row) => (holdsCopies(row) ? lossesOfAll : losses)[row];
+const fatesOf = (row) => (holdsCopies(row) ? fatesOfAll : fates)[row];
+
 /** Whether a row is a copy that is not shown by itself. */
 const isFolded = (row) => FOLDED[row] >= 0 && !filters.copies.checked && !now.unfolded.has(FOLDED[row]);
 
@@ -16,7 +35,7 @@ const headOf = (row) => (isFolded(row) ? FOLDED[row] : row);
 function times(row) {
   const more = copies.get(row);
   if (!more) return "";
-  return `${filters.copies.checked || now.unfolded.has(row) ? "▾" : "▸"} ×${more + 1}`;
+  return `${holdsCopies(row) ? "▸" : "▾"} ×${more + 1}`;
 }
 
 /** Unfold the copies of a row, or fold them again. */

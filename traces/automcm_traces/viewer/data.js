@@ -16,9 +16,13 @@ const LOGS = DATA.logs;
 const RUNS = DATA.runs, TWO = RUNS.length > 1;
 const named = (run, name) => (TWO ? `${"AB"[run]} · ${name}` : String(name));
 /* Columns: the logs, the stations without one, and in each run one for all others. */
-const COLUMNS = LOGS.map(({ run, station }) => ({ run, name: named(run, station), logged: true }));
+const COLUMNS = LOGS.map(({ run, station, file, header }) => {
+  const own = RUNS[run].verdicts.find((verdict) => verdict.file === file)?.sessions ?? [];
+  const roles = [...new Set(own.map(({ role }) => role))].sort().join(", ");
+  return { run, station, name: named(run, station), logged: true, called: String(header.x_name ?? ""), roles };
+});
 RUNS.forEach(({ ghosts }, run) => {
-  for (const station of ghosts) COLUMNS.push({ run, name: named(run, station), logged: false });
+  for (const station of ghosts) COLUMNS.push({ run, station, name: named(run, station), logged: false });
 });
 const OTHERS = RUNS.map(({ crowded }, run) =>
   COLUMNS.push({ run, name: named(run, crowded ? "others" : "?"), logged: false }) - 1);

@@ -34,18 +34,18 @@ function draw() {
   if (b > a) {
     drawBands(bands, a, b, y, at, size);
     drawPhases(phases, first, last, y, seen, size.height);
+    drawHazards(phases, marks, y, seen, size);
     for (let n = 0; n < COLUMNS.length; n++) {
-      if (seen[n]) lines.append(lifelineOf(n, size.height));
+      if (seen[n]) lines.append(...lifelineOf(n, y, size.height));
     }
-    if (filters.timers.checked) {
-      for (const bar of touching(bars, barReach, first, last)) {
-        if (seen[ROW.log[bar.first]] && passesBar(bar)) drawBar(barLayer, bar, at, size.height);
-      }
+    for (const bar of touching(bars, barReach, first, last)) {
+      if (seen[ROW.log[bar.first]] && passesBar(bar)) drawBar(barLayer, bar, at, size.height);
     }
-    const signs = [];
+    const signs = [], labels = [];
     for (const arrow of touching(arrows, arrowReach, first, last)) {
-      if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y, signs);
+      if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y, signs, labels);
     }
+    drawDue(arrowLayer, y);
     drawMarks(marks, a, b, y, seen);
     if (TWO) lines.append(divide(size));
     drawDifference(fixed, y, size);
@@ -59,7 +59,9 @@ function draw() {
 
 /** An arrow is drawn where one of its ends is shown; the row of a folded copy stands for it. */
 const passesArrow = (arrow) => isShown(arrow.first) || isShown(arrow.last);
-const passesBar = (bar) => isShown(bar.first) || (!bar.open && isShown(bar.last));
+/** A bar is drawn although the rows of its timer are not shown. */
+const passesBar = (bar) => (filters.cams.checked || !(ROW.flags[bar.first] & OF_CAM))
+  && (!filters.station.value || station(bar.first) === Number(filters.station.value));
 
 function drawBands(layer, a, b, y, at, size) {
   const whole = [at.left + 1, size.width - 2];
@@ -92,9 +94,70 @@ function drawDifference(layer, y, size) {
     fitted(`≠ first difference, ${difference()}`, (size.width - 20) / 1.12)));
 }
 
-function lifelineOf(column, height) {
-  const x = lifeline(column);
-  return make("line", { class: COLUMNS[column].logged ? "life" : "life bare", x1: x, x2: x, y1: HEAD, y2: height });
+/** The lifeline of a column; that of a log without an end stops with a †. */
+function lifelineOf(column, y, height) {
+  const x = lifeline(column), { logged } = COLUMNS[column], end = logged && rowsOf[column].at(-1);
+  const stops = logged && ["no end", "crash"].includes(LOGS[column].end) && end !== undefined;
+  const y2 = stops ? Math.min(height, y(end) + HEIGHT / 2) : height, drawn = [];
+  if (y2 > HEAD) drawn.push(make("line", { class: logged ? "life" : "life bare", x1: x, x2: x, y1: HEAD, y2 }));
+  if (stops && y2 < height && y2 > HEAD) {
+    drawn.push(make("text", { class: "stops", x, y: y2 + 12, "text-anchor": "middle" },
+      make("title", {}, `the log of station ${COLUMNS[column].name} stops here`), "†"));
+  }
+  return drawn;
+}
+
+/* The hazards of the runs: the rows in which they begin and end, and the two columns. */
+const HAZARDS = RUNS.flatMap(({ system }, run) => (system?.hazards ?? []).flatMap((one) => {
+  const ends = [one.since, one.until].map((at) => placeOf(run, at));
+  const columns = [one.prescriber, one.target].map((station) =>
+    COLUMNS.findIndex((column) => column.run === run && column.station === station));
+  return ends.includes(undefined) || columns.includes(-1) ? [] : [{ ...one, ends, columns }];
+}));
+
+/** A band over the two stations of a hazard, from its begin to its end, with its bound. */
+function drawHazards(layer, marks, y, seen, size) {
+  for (const hazard of HAZARDS) {
+    const [top, bottom] = hazard.ends.map(y), about = hazardWords(hazard);
+    if (bottom < HEAD || top > size.height) continue;
+    const group = make("g", { class: `hazard ${hazard.outcome}` }, make("title", {}, about));
+    for (const n of hazard.columns) {
+      if (seen[n]) {
+        group.append(make("rect", { x: layout.x[n] + 1, y: Math.max(top, HEAD - 4), width: layout.width[n] - 2,
+          height: Math.max(3, bottom - Math.max(top, HEAD - 4)) }));
+      }
+    }
+    const left = Math.min(...hazard.columns.map((n) => layout.x[n]));
+    const right = Math.max(...hazard.columns.map((n) => layout.x[n] + layout.width[n]));
+    layer.append(group);
+    marks.append(make("text", { class: "hazard-words", x: left + 8, y: Math.max(top, HEAD) + 14 },
+      fitted(about, (right - left - 8) / 1.1)));
+  }
+}
+
+/** How long a hazard lasts, and its bound. */
+function hazardWords({ length, bound_ms: bound, outcome, open }) {
+  const lasts = length ? `${open ? "at least " : ""}${grouped(length.ms)} ms` : "of unknown length";
+  const most = { within: " of at most", exceeds: ", exceeds", cannot_tell: ", bound" }[outcome];
+  return `⚠ hazard ${lasts}${bound === undefined || bound === null ? "" : `${most} ${grouped(bound)} ms`}`;
+}
+
+/** Where a log diverges because a message is missing: the arrow that was due. */
+function drawDue(layer, y) {
+  LOGS.forEach(({ due, diverges, run }, log) => {
+    if (diverges < 0 || !isShown(diverges)) return;
+    due.forEach(([type, station], n) => {
+      const found = COLUMNS.findIndex((column) => column.run === run && column.station === station);
+      const to = found < 0 ? OTHERS[run] : found, side = to < log && layout.width[to] ? -1 : 1;
+      const end = layout.width[to] ? lifeline(to) - side * 5 : lifeline(log) + layout.width[log] / 2 - 4;
+      const at = y(diverges) + HEIGHT * (n + 0.7), words = `${type} was due`;
+      const group = make("g", { class: "arrow due" }, make("title", {}, `missing: ${type} to ${station || "all"}`));
+      line(group, lifeline(log) + side * 5, at, end, at, true);
+      group.append(make("text", { class: "label", x: lifeline(log) + side * 12, y: at - 4,
+        "text-anchor": side > 0 ? "start" : "end" }, words));
+      layer.append(group);
+    });
+  });
 }
 
 /** A timer from arming to its end; a tick where the specification has its deadline. */
@@ -126,7 +189,7 @@ function said(bar) {
 }
 
 /** An arrow; one that arrives nowhere is short. `signs` are those drawn so far; they may not overlap. */
-function drawArrow(layer, arrow, y, signs) {
+function drawArrow(layer, arrow, y, signs, labels) {
   const { kind } = arrow, from = lifeline(arrow.from), to = lifeline(arrow.to);
   const height = (row) => y(isShown(row) ? row : headOf(row));
   const group = make("g", { class: `arrow ${ARROWS[kind].replace(" ", "-")}` });
@@ -159,7 +222,18 @@ function drawArrow(layer, arrow, y, signs) {
     else line(group, x1, y1, x2 - side * 4, y2, false);
     if (kind === LOST) cross(group, x2, y2);
   }
+  if (kind !== OVERHEARD && kind !== SENDER_UNOBSERVED && kind !== FORGED) labelArrow(group, arrow, x1, y1, side, labels);
   layer.append(group);
+}
+
+/** The type of a message where its arrow begins, if there is room; once for each that was sent. */
+function labelArrow(group, arrow, x, y, side, labels) {
+  const type = typeOf(arrow.first), wide = textWidth(type), left = side > 0 ? x + 8 : x - 8 - wide;
+  const narrow = wide + 22 > Math.abs(lifeline(arrow.to) - x) || y < HEAD + 12;
+  const taken = labels.some((one) => Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide);
+  if (!type || narrow || taken) return;
+  labels.push({ y, left, wide });
+  group.append(make("text", { class: "label", x: left, y: y - 4 }, type));
 }
 
 function line(group, x1, y1, x2, y2, pointed) {
@@ -216,12 +290,19 @@ function drawMarks(layer, a, b, y, seen) {
 /** A row in words, with its station, and the phase in which it leaves the station. */
 function rowText(row) {
   const phase = phaseChange(row), whose = LOGS.length > RUNS.length ? `${station(row)} ` : "";
-  return (diverges(row) ? "✗ " : "") + whose + text(row) + (phase ? ` = ${visible(phase)}` : "");
+  return (diverges(row) ? "✗ " : "") + whose + text(row) + forWhom(row) + (phase ? ` = ${visible(phase)}` : "");
+}
+
+/** For whom a message is, if the station overhears it. */
+function forWhom(row) {
+  const to = kind(row) === "receive" && body(row).message?.dst;
+  return Number.isInteger(to) && to !== station(row) ? ` for ${to}` : "";
 }
 
 /** The words of a row, with how often it is there, where copies are folded. */
 function words(row, y, at) {
-  const run = runOf(row), copied = times(row), tail = copied ? textWidth(copied) + 10 : 0;
+  const run = runOf(row), copied = times(row), missed = lossesOf(row) ? `${lossesOf(row)} lost` : "";
+  const tail = [copied, missed].reduce((wide, one) => wide + (one ? textWidth(one) * 1.1 + 8 : 0), 0);
   const x = layout.text[run] - (TWO ? at.left : 0);
   const group = make("g", { class: `row ${styleOf(row)}`, "data-row": row });
   const full = rowText(row), shown = fitted(full, layout.words - 12 - tail);
@@ -230,6 +311,10 @@ function words(row, y, at) {
   group.append(element);
   if (copied) {
     group.append(make("text", { class: "copies", x: x + textWidth(shown) + 8, y: y + 4 }, copied));
+  }
+  if (missed) {
+    const before = textWidth(shown) + 8 + (copied ? textWidth(copied) * 1.1 + 8 : 0);
+    group.append(make("text", { class: "lost", x: x + before, y: y + 4 }, missed));
   }
   return group;
 }
@@ -270,7 +355,7 @@ function gutter(a, b, y, at, size) {
 /** After the words of a step, how many more stand where it stands, in real time. */
 function besides(line, more) {
   const texts = line.querySelectorAll("text"), last = texts[texts.length - 1];
-  const bold = last.classList.contains("copies") ? 1.1 : 1;
+  const bold = last.matches(".copies, .lost") ? 1.1 : 1;
   const x = Number(last.getAttribute("x")) + textWidth(last.textContent) * bold + 8;
   if (x + 30 < layout.text[0] + layout.words) {
     line.append(make("text", { class: "more", x, y: last.getAttribute("y") }, `+${more}`));

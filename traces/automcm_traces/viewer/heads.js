@@ -26,9 +26,11 @@ function head(n, first) {
   const shown = logged ? short : short + (OTHERS.includes(n) ? "" : "?");
   const group = make("g", { class: "column" });
   const phase = logged ? phaseAt(n, first) : "";
-  group.append(make("title", {}, visible(phase ? `${name}: ${phase}` : name)));
+  const full = whole(COLUMNS[n], shown);
+  group.append(make("title", {}, visible(phase ? `${full}: ${phase}` : full)));
+  const fits = [full, ...full.split(" · ")].find((one) => textWidth(one) * 1.13 < width - 4) ?? shown;
   group.append(make("text", { x: x + width / 2, y: 16, "text-anchor": "middle",
-    class: logged ? "name" : "name bare" }, fitted(shown, (width - 4) / (logged ? 1.13 : 1))));
+    class: logged ? "name" : "name bare" }, fitted(visible(fits), (width - 4) / (logged ? 1.13 : 1))));
   if (phase && phase !== "STANDALONE") {
     group.append(make("rect", { class: `chip ${phase.toLowerCase().replace(/[^a-z]/g, "")}`, x: x + 4, y: 22,
       width: width - 8, height: 12, rx: 3 }));
@@ -38,6 +40,12 @@ function head(n, first) {
   }
   group.append(make("path", { class: "grip", d: `M${x + width} 6v${HEAD - 14}` }));
   return group;
+}
+
+/** The name of a column with its number and role. */
+function whole({ called, roles }, number) {
+  const name = called ? `${called} (${number})` : number;
+  return roles && roles !== called ? `${name} · ${roles}` : name;
 }
 
 /** What is at a place of the heads: the edge of a column or of the words, or a column. */

@@ -1,7 +1,7 @@
 /* Filters, steps, links; and how the page begins. */
 
 const filters = {};
-for (const id of ["text", "station", "session", "type", "rejected", "cams", "timers", "copies"]) {
+for (const id of ["text", "station", "session", "type", "fate", "rejected", "cams", "timers", "copies"]) {
   filters[id] = document.getElementById(id);
 }
 
@@ -13,23 +13,27 @@ function passes(row, wanted) {
   if (wanted.station && station(row) !== wanted.station) return false;
   if (wanted.session && session(row) !== wanted.session) return false;
   if (!wanted.cams && ROW.flags[row] & OF_CAM) return false;
-  if (!wanted.timers && DATA.rows.kinds[row] === "t") return false;
+  if (!wanted.timers && DATA.rows.kinds[row] === "t" && !phaseChange(row)) return false;
   if (wanted.type && typeOf(row) !== wanted.type) return false;
   if (wanted.rejected === "none" ? cause(row) : wanted.rejected && cause(row) !== wanted.rejected) return false;
-  return !wanted.text || text(row).toLowerCase().includes(wanted.text);
+  if (wanted.fate && !(fatesOf(row) & wanted.fate)) return false;
+  return !wanted.text || rowText(row).toLowerCase().includes(wanted.text);
 }
 
-/** What the filters let pass; a divergence, the first difference and the selected step stay. */
+/** What the filters let pass; a divergence, a hazard's ends, the first difference and the selected
+    step stay. */
 function sift() {
   const wanted = {
     station: Number(filters.station.value), session: filters.session.value, type: filters.type.value,
     cams: filters.cams.checked || filters.type.value === "CAM", timers: filters.timers.checked,
     text: filters.text.value.trim().toLowerCase(), rejected: filters.rejected.value,
+    fate: filters.fate.value && 1 << ARROWS.indexOf(filters.fate.value),
   };
   now.shown = [];
   for (let row = 0; row < COUNT; row++) {
     const inside = !now.span || (row >= now.span[0] && row <= now.span[1]);
-    const stays = STEP[row] === STEP[now.row] || STEP[row] === STEP[DIFFERENCE] || diverges(row);
+    const stays = STEP[row] === STEP[now.row] || STEP[row] === STEP[DIFFERENCE] || diverges(row)
+      || HAZARDS.some(({ ends }) => ends.includes(row));
     now.passed[row] = inside && (stays || passes(row, wanted));
     const joins = isBeside(row) && isShown(row - 1);
     now.before[row] = now.shown.length - joins;
@@ -39,6 +43,16 @@ function sift() {
   document.getElementById("count").textContent = `${now.shown.length} of ${STEPS_IN_ALL} rows`;
   resize();
   fillTable();
+}
+
+/** Filter anew; of the step that was selected, if it does not pass, the next that does is selected. */
+function chooseRows() {
+  const row = now.row;
+  now.row = -1;
+  sift();
+  const next = now.shown.find((one) => one >= row) ?? now.shown.at(-1);
+  if (next === undefined) now.row = row;
+  else select(isShown(row) ? row : next);
 }
 
 /** Select the step of a row and bring it into the window. */
@@ -74,7 +88,7 @@ function step(by) {
 function find(by) {
   const words = filters.text.value.trim().toLowerCase();
   for (let row = by > 0 ? atStep(now.row).at(-1) + 1 : now.row - 1; words && row >= 0 && row < COUNT; row += by) {
-    if (isShown(row) && text(row).toLowerCase().includes(words)) return select(row);
+    if (isShown(row) && rowText(row).toLowerCase().includes(words)) return select(row);
   }
 }
 
@@ -159,7 +173,7 @@ function listen() {
   on("span-whole", showWhole);
   on("span-clear", () => setMark(-1));
   on("help", help);
-  for (const id in filters) filters[id].addEventListener("input", sift);
+  for (const id in filters) filters[id].addEventListener("input", chooseRows);
   view.addEventListener("scroll", redraw, { passive: true });
   svg.onpointermove = point;
   svg.addEventListener("pointerdown", (press) => {
@@ -210,6 +224,7 @@ function begin() {
   choices(filters.station, "all", [...new Set(LOGS.map((log) => String(log.station)))]);
   choices(filters.session, "all", sessions);
   choices(filters.type, "all", types());
+  choices(filters.fate, "all", ARROWS.filter((_, kind) => arrows.some((arrow) => arrow.kind === kind)));
   choices(filters.rejected, "all rows", ["none", ...CAUSES]);
   filters.rejected.parentElement.hidden = !CAUSES.length;
   const button = document.getElementById("divergence");

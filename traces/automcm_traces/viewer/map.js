@@ -7,17 +7,20 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 function drawMap() {
   map.height = small.height = Math.max(40, map.parentElement.clientHeight);
   small.width = map.width;
-  const pen = small.getContext("2d"), drawn = new Set();
+  const pen = small.getContext("2d"), drawn = new Set(), lost = new Set();
   const colours = { send: colour("--send"), receive: colour("--receive"), other: colour("--dim") };
   const wide = (map.width - 8) / LOGS.length;
   for (const row of TWO ? now.shown.flatMap(abreast) : now.shown) {
     const y = Math.floor(mapY(row)), column = ROW.log[row], name = kind(row);
+    if (lossesOf(row)) lost.add(y);
     const key = y * 100_000 + column * 3 + (name === "send" ? 0 : name === "receive" ? 1 : 2);
     if (drawn.has(key)) continue;
     drawn.add(key);
     pen.fillStyle = colours[name] ?? colours.other;
     pen.fillRect(4 + column * wide, y, Math.max(1, wide - 1), 1.5);
   }
+  pen.fillStyle = colour("--wrong");
+  for (const y of lost) pen.fillRect(map.width - 8, y, 8, 2);
   const mark = (row, name) => {
     pen.fillStyle = colour(name);
     pen.fillRect(0, Math.floor(mapY(row)) - 1, map.width, 3);

@@ -115,7 +115,7 @@ def as_dict(page: Page) -> dict[str, Json]:
     """All data of the page, as ``viewer/data.js`` reads it."""
     strings, shapes = PackedTable(), Shapes()
     arrows = [[a for of in run.merged.arrows.values() for a in of] for run in page.runs]
-    rows = _rows(page, strings, shapes, _fates(page, arrows))
+    rows = _rows(page, strings, shapes, _rejected(page, arrows))
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]
     return {
@@ -200,6 +200,7 @@ def _log(page: Page, run: PageRun, i: int, first: int, row_of: dict[Node, int]) 
         "header": run.vendor[log.file].get(1) or _plain(log.header),
         "end": _end(run, log),
         "why_not": run.histories[i].why_not,
+        "due": run.histories[i].due,
         "diverges": _divergence(run, i, first, row_of),
         "ahead": page.ahead[first + i],
         "before": run.before[log.file],
@@ -224,7 +225,7 @@ def _divergence(run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> in
 
 
 def _rows(
-    page: Page, strings: PackedTable, shapes: Shapes, fates: Mapping[Node, Hashable]
+    page: Page, strings: PackedTable, shapes: Shapes, rejected: Mapping[Node, Hashable]
 ) -> dict[str, Json]:
     """The columns of the row table, documented in ``viewer/data.js``."""
     texts, bodies = PackedTable(), PackedTable()
@@ -244,7 +245,7 @@ def _rows(
         if not flags:
             changes = bool(phase := new_phase(event, phases[i]))
             phases[i] = phase or phases[i]
-            keys[run_of[i]].append((row, key_of(i, event, fates.get((i, k)), changes)))
+            keys[run_of[i]].append((row, key_of(i, event, rejected.get((i, k)), changes)))
         named = session_of(event)
         if named is not None:
             sessions[i] = f"{named[0]}/{named[1]}"
@@ -288,16 +289,15 @@ def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
     return body
 
 
-def _fates(page: Page, arrows: list[list[Arrow]]) -> dict[Node, frozenset[Arrow]]:
-    """The fates of the message of each event, without their places."""
+def _rejected(page: Page, arrows: list[list[Arrow]]) -> dict[Node, frozenset[Arrow]]:
+    """The rejections of the message of each event, without their places."""
     found: dict[Node, frozenset[Arrow]] = defaultdict(frozenset)
     first = 0
     for run, drawn in zip(page.runs, arrows, strict=True):
         for arrow in drawn:
-            both = arrow.fate == "rejected"
-            for node in {arrow.leaves if both else None, arrow.arrives or arrow.leaves} - {None}:
-                assert node is not None
-                found[first + node[0], node[1]] |= {arrow.plain}
+            for node in (arrow.leaves, arrow.arrives):
+                if arrow.fate == "rejected" and node is not None:
+                    found[first + node[0], node[1]] |= {arrow.plain}
         first += len(run.logs)
     return found
 

@@ -48,6 +48,8 @@ class StateHistory:
     """The change after each step; every ``KEYFRAME`` steps, from the first on, the complete
     state."""
     bars: list[Bar] = field(default_factory=list)
+    due: list[tuple[str, int]] = field(default_factory=list)
+    """Type and addressee of the messages that are missing where the log diverges."""
 
     def state(self, step: int) -> dict[str, object]:
         """The complete state after a step."""
@@ -110,6 +112,8 @@ class States(Watcher):
             found.why_not = f"`complete` in the header of the log lacks {kinds}"
         elif d is not None:
             found.why_not = f"the log diverges from the specification at line {d.finding.at.line}"
+            if d.step is not None and d.seen is None:
+                found.due = [(each.type, each.dst) for each in d.step.messages]
             new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
             if d.step is not None and new and d.step.at in self._shown:
                 is_keyframe = len(found.steps) % KEYFRAME == 0

@@ -108,15 +108,35 @@ function systemOf({ system: report, hazards }, run) {
   const judged = report.properties.map((p) => el("li", { class: p.outcome },
     `${{ holds: "✓", violated: "✗", cannot_tell: "?" }[p.outcome]} ${p.property} ${p.outcome.replace("_", " ")}`,
     p.outcome === "holds" ? "" : el("div", { class: "dim" }, lines(p.where.slice(0, 5)))));
-  const ways = Object.entries(report.deliveries).map(([way, counts]) => el("li", {}, `${way}: `
-    + Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ")));
   const lists = [["hazards", hazards.map((t) => el("li", {}, lines(t.split("\n").map((one) => hazardLine(run, one)))))], ["forged", report.forged.map((t) => el("li", {}, t))],
     ["received before sent", report.cycles.map((t) => el("li", {}, t))], ["properties", judged],
-    ["messages", ways], ["notes", report.notices.map((t) => el("li", {}, t))]];
+    ["notes", report.notices.map((t) => el("li", {}, t))]];
   return folded(el("span", {}, "All logs together ", badge(report.verdict)),
     !["allowed", "cannot_tell"].includes(report.verdict), report.problem ? el("p", {}, report.problem) : "",
     ...lists.filter(([, items]) => items.length).map(([name, items]) =>
       el("div", {}, el("h3", {}, name), el("ul", { class: "plain" }, items))));
+}
+
+const MOST_IN_MATRIX = 16;
+
+/** By link how many messages were received, sent and lost. */
+function linksOf({ system }) {
+  const ways = Object.entries(system?.deliveries ?? {}).map(([way, counts]) => [way.split("-"), counts]);
+  const names = [...new Set(ways.flatMap(([way]) => way))].slice(0, MOST_IN_MATRIX);
+  if (!names.length) return "";
+  const cell = (from, to) => {
+    const [, counts] = ways.find(([way]) => way[0] === from && way[1] === to) ?? [];
+    if (!counts) return el("td", {}, from === to ? "" : "–");
+    const sent = Object.values(counts).reduce((sum, n) => sum + n, 0), { lost = 0, delivered = 0 } = counts;
+    const all = Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ");
+    return el("td", { title: `${from} to ${to}: ${all}` }, `${delivered}/${sent}`,
+      lost ? el("div", { class: "lost" }, `${lost} lost`) : "");
+  };
+  const part = folded("Links: received of sent", ways.some(([, counts]) => counts.lost), el("table", { class: "links" },
+    el("tr", {}, el("th", {}, "from \\ to"), names.map((to) => el("th", { scope: "col" }, to))),
+    names.map((from) => el("tr", {}, el("th", { scope: "row" }, from), names.map((to) => cell(from, to))))));
+  part.classList.add("matrix");
+  return part;
 }
 
 /** Any value as a tree; the fields named in `changed` are marked. */
@@ -312,14 +332,30 @@ function comparison() {
 
 function judgedOf(run, n) {
   const part = folded(TWO ? el("span", {}, `Verdict on ${"AB"[n]} `, badge(worst(run))) : "Verdict", true,
-    ...run.verdicts.slice(0, 20).map((v) => verdictOf(n, v)), systemOf(run, n));
+    ...verdictsOf(run, n), systemOf(run, n), linksOf(run));
   part.id = `judged${n || ""}`;
   return part;
 }
 
+/** The verdicts on the logs of a run; if all are allowed, in one line. */
+function verdictsOf({ verdicts }, n) {
+  const each = verdicts.slice(0, 20).map((v) => verdictOf(n, v));
+  const plain = ({ verdict, warnings, hint }) => verdict === "allowed" && !warnings.length && !hint;
+  if (verdicts.length < 2 || !verdicts.every(plain)) return each;
+  return [folded(el("span", {}, badge("allowed"), ` ${verdicts.length} logs`), false, ...each)];
+}
+
+/** How many messages a run has, and how many of their deliveries were lost. */
+function countsOf(run) {
+  const own = arrows.filter((arrow) => COLUMNS[arrow.from].run === run);
+  const lost = own.filter(({ kind }) => kind === LOST).length;
+  return [el("span", { class: "dim" }, `${grouped(own.length)} deliveries, `),
+    el("span", { class: lost ? "lost" : "dim" }, `${grouped(lost)} lost`)];
+}
+
 function buildPanel() {
   const top = document.getElementById("verdict");
-  const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", badge(worst(run)), " "]);
+  const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", badge(worst(run)), " ", ...countsOf(n), " "]);
   top.replaceChildren(el("span", {}, badges.flat(), TWO ? comparedBadge() : ""));
   if (DATA.note) panel.append(el("p", { id: "note", class: "warn" }, DATA.note));
   panel.append(TWO ? comparison() : "", ...RUNS.map(judgedOf), el("div", { id: "step" }));

@@ -43,7 +43,7 @@ function prefixText(log, row) {
 
 /** The messages that are shown, from the window on, as a sequence diagram of Mermaid. */
 function mermaidText() {
-  const plain = (words) => words.replace(/[^\w .,/#()>-]/g, "?").replace(/#/g, "no. ");
+  const plain = (words) => words.replace(/[^\w .,/#()>-]/g, "?").replace(/ *#/g, " no. ");
   const lines = ["sequenceDiagram"];
   const used = new Set(), said = [];
   const [a] = inWindow();

@@ -181,13 +181,15 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
 
 
 @pytest.mark.parametrize("path", [*FOUR, CORPUS / "pair" / "1001.ndjson"], ids=lambda p: p.name)
-def test_a_page_folds_the_rows_that_show_folds(path: Path) -> None:
+def test_a_page_folds_the_rows_that_show_folds_and_copies_of_other_fates(path: Path) -> None:
+    """``show`` says the fate of each row, a page how many of the copies were lost."""
     rows = as_dict(load([path]))["rows"]
     copy, flags = column(rows, "copy"), column(rows, "flags")
     lines = list(accumulate(column(rows, "line"), lambda a, b: a + b + 1))
     kept = [n for n, line in enumerate(lines) if not copy[n] and not flags[n] & OF_CAM]
     shown = folds(FilteredRows(Logs([path]), Filter()))
-    assert [lines[n] + 2 for n in kept] == sorted(row.line for row, *_ in shown if row.event)
+    heads = {row.line for row, *_ in shown if row.event}
+    assert 0.5 * len(heads) < len(kept) and {lines[n] + 2 for n in kept} <= heads
 
 
 def test_the_operators_that_decided_are_there_and_no_others() -> None:

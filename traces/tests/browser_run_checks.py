@@ -1,0 +1,180 @@
+"""What a page shows of a run without a click: losses, hazards, missing messages, names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from browser_pages import four
+from browser_stage import Browser
+from merged_runs import killed, records, rewritten, simulated
+from page_rows import CORPUS, FOUR
+
+from automcm.links.simulated_radio import Radio
+from automcm_spec.log_format.reader import read
+from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.log_clocks import Clocks
+from automcm_traces.system.log_merge import merge
+
+TEXTS = "all => all.map((one) => one.textContent)"
+
+
+def _words(page: Any, selector: str) -> list[str]:
+    page.evaluate("draw()")
+    found: list[str] = page.eval_on_selector_all(selector, TEXTS)
+    return found
+
+
+def losses_are_seen_without_a_click(browser: Browser, folder: Path) -> None:
+    """In the row of folded copies, the minimap, the bar of the verdict and the matrix of links."""
+    logs = four(folder / "logs", until=9000)
+    merged = merge([read(log) for log in logs])
+    arrows = list(Deliveries(merged, Clocks.of(merged)).arrows())
+    lost = sum(arrow.fate == "lost" for arrow in arrows)
+    with browser.page(
+        browser.write("loss", *logs), viewport={"width": 1400, "height": 4000}
+    ) as page:
+        assert lost > 100 and f"{lost} lost" in page.inner_text("#verdict")
+        of_rows = page.evaluate("now.shown.map((row) => lossesOf(row))")
+        folded = page.evaluate(
+            "now.shown.filter(holdsCopies).map((row) => [lossesOfAll[row], losses[row]])"
+        )
+        assert any(together > own > 0 for together, own in folded)
+        shown = [int(one.split()[0]) for one in _words(page, "#svg .row .lost")]
+        assert shown == [n for n in of_rows if n][: len(shown)] and len(shown) > 10
+        page.check("#cams")
+        assert sum(page.evaluate("now.shown.map((row) => lossesOf(row))")) == lost
+        page.uncheck("#cams")
+        wrong = page.evaluate("colour('--wrong')").lstrip("#")
+        pixels = page.evaluate(
+            """(wrong) => { const { width, height } = small;
+            const found = small.getContext("2d").getImageData(0, 0, width, height).data;
+            return [...Array(width * height).keys()].filter((n) => [0, 1, 2].every((k) =>
+              found[4 * n + k] === parseInt(wrong.slice(2 * k, 2 * k + 2), 16))).length; }""",
+            wrong,
+        )
+        assert pixels > 100, "the minimap is red where messages were lost"
+        cells = page.eval_on_selector_all(".matrix td .lost", TEXTS)
+        assert len(cells) == 12 and sum(int(cell.split()[0]) for cell in cells) == sum(
+            counts.get("lost", 0)
+            for counts in Deliveries(merged, Clocks.of(merged)).counts().values()
+        )
+
+
+def rows_are_chosen_by_fate(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("fate", *FOUR)) as page:
+        offered = page.eval_on_selector_all("#fate option", TEXTS)
+        assert offered[0] == "all" and {"delivered", "lost", "duplicate"} <= set(offered)
+        page.select_option("#fate", "lost")
+        rows = page.evaluate("now.shown.map((row) => lossesOf(row))")
+        assert len(rows) > 2 and all(rows), "the selected step is one of them, too"
+        page.select_option("#fate", "duplicate")
+        assert page.evaluate("now.shown.every((row) => fatesOf(row) & (1 << DUPLICATE))")
+
+
+def a_hazard_is_a_band_over_both_stations(browser: Browser, folder: Path) -> None:
+    logs = simulated(folder / "logs", 1001, 2002, 3003, until=10_000)
+    killed(logs[1], 4000)
+    with browser.page(browser.write("hazard", *logs)) as page:
+        (hazard,) = page.evaluate("RUNS[0].system.hazards")
+        page.evaluate("select(HAZARDS[0].ends[0])")
+        (words,) = _words(page, "#svg .hazard-words")
+        assert f"{hazard['length']['ms']:,} ms" in words and f"{hazard['bound_ms']:,} ms" in words
+        bands = page.locator("#svg .hazard rect")
+        columns = [bands.nth(n).bounding_box() for n in range(bands.count())]
+        assert len(columns) == 2 and columns[0]["height"] == columns[1]["height"] > 10
+        names = page.evaluate("HAZARDS[0].columns.map((n) => COLUMNS[n].station)")
+        assert names == [hazard["prescriber"], hazard["target"]] == [1001, 2002]
+        shown = page.evaluate("HAZARDS[0].ends.map(isShown)")
+        assert shown == [True, True], "also where timers are hidden"
+        stops = page.locator("#svg .stops")
+        assert stops.count() == 1 and "2002 stops here" in stops.text_content()
+        mark = stops.bounding_box()
+        assert columns[1]["x"] < mark["x"] < columns[1]["x"] + columns[1]["width"]
+
+
+def a_missing_message_is_drawn_where_it_was_due(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("due", CORPUS / "bad" / "ack_missing.ndjson")) as page:
+        due = page.locator("#svg .arrow.due")
+        assert due.count() == 1 and "missing: Ack to 2002" in due.text_content()
+        assert "dash" in page.evaluate(
+            "getComputedStyle(document.querySelector('.arrow.due')).strokeDasharray"
+            ".replace(/^[1-9].*/, 'dash')"
+        )
+        ends = due.locator("line").bounding_box()
+        column = page.evaluate("[lifeline(0), lifeline(1)]")
+        left = page.locator("#view").bounding_box()["x"]
+        assert abs(ends["x"] - left - column[0]) < 8
+        assert abs(ends["x"] + ends["width"] - left - column[1]) < 8
+    with browser.page(browser.write("busy", CORPUS / "bad" / "busy_accepted.ndjson")) as page:
+        assert page.locator("#svg .arrow.due").count() == 0, "another message, and none is missing"
+
+
+def timers_are_bars_and_no_rows(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("timers", *FOUR)) as page:
+        assert not page.is_checked("#timers")
+        without, bars = page.evaluate("now.shown.length"), page.locator("#svg .bar").count()
+        kinds = page.evaluate("now.shown.filter((row) => kind(row) === 'timer').map(phaseChange)")
+        assert bars > 3 and all(kinds), "what changes a phase is not hidden"
+        page.check("#timers")
+        assert page.evaluate("now.shown.length") > without * 1.2
+
+
+def arrows_say_what_they_carry_where_there_is_room(browser: Browser, folder: Path) -> None:
+    for width, some in ((1400, True), (390, False)):
+        size = {"width": width, "height": 800}
+        with browser.page(browser.write("labels", *FOUR), viewport=size) as page:
+            labels = page.locator("#svg .arrow .label")
+            boxes = [labels.nth(n).bounding_box() for n in range(labels.count())]
+            assert (len(boxes) > 8) == some, (width, len(boxes))
+            for n, a in enumerate(boxes):
+                for b in boxes[n + 1 :]:
+                    apart = abs(a["y"] - b["y"]) >= 10
+                    assert apart or a["x"] + a["width"] < b["x"] or b["x"] + b["width"] < a["x"]
+            if some:
+                assert {"Advertisement", "Intention", "Ack"} <= set(_words(page, ".arrow .label"))
+
+
+def heads_say_name_and_role(browser: Browser, folder: Path) -> None:
+    logs = simulated(folder / "logs", 1001, 2002, until=6000)
+    lines = records(logs[1])
+    lines[0]["x_name"] = "van"
+    rewritten(logs[1], lines)
+    with browser.page(browser.write("heads", *logs)) as page:
+        assert _words(page, "#svg .heads .name") == ["1001 · prescriber", "van (2002) · receiver"]
+
+
+def an_overheard_message_says_for_whom_it_is(browser: Browser, folder: Path) -> None:
+    """On a shared radio each hears what is meant for the others."""
+    send = Radio._send
+    with patch.object(Radio, "_send", lambda self, src, data, _, tx: send(self, src, data, 0, tx)):
+        logs = simulated(folder / "logs", 1001, 2002, 3003, until=4000)
+    with browser.page(browser.write("overheard", *logs)) as page:
+        rows = page.evaluate(
+            "now.shown.filter((row) => kind(row) === 'receive' && body(row).message?.dst)"
+            ".map((row) => [rowText(row), body(row).message.dst, station(row)])"
+        )
+        assert sum(dst != own for _, dst, own in rows) > 8, rows
+        for words, dst, own in rows:
+            assert (f" for {dst}" in words) == (dst != own), (words, dst, own)
+
+
+def allowed_logs_are_one_line(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("four", *FOUR)) as page:
+        badges = page.locator("#judged > details").first
+        assert badges.locator("summary").first.inner_text().endswith(f"{len(FOUR)} logs")
+        assert not page.is_visible("#judged .verdict")
+
+
+def the_filters_apply_to_the_selected_step(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("type", *FOUR), "#step=60") as page:
+        page.select_option("#type", "Prescription")
+        assert page.evaluate("now.shown.every((row) => typeOf(row) === 'Prescription')")
+        assert page.evaluate("isShown(now.row) && now.shown.length") > 1
+        page.fill("#text", "Prescription")
+        wide = page.evaluate(
+            "(() => { const box = document.getElementById('text');"
+            " return box.scrollWidth <= box.clientWidth; })()"
+        )
+        assert wide, "the field is wide enough for the longest type"
