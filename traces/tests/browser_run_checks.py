@@ -12,11 +12,15 @@ from merged_runs import killed, records, rewritten, simulated
 from page_rows import CORPUS, FOUR
 
 from automcm.links.simulated_radio import Radio
+from automcm_cli.trace.trace_html import page_of
 from automcm_spec.log_format.reader import read
+from automcm_spec.model_checking import models
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.log_merge import merge
+from automcm_traces.viewer.page import html
 
+COUNTEREXAMPLES = Path(__file__).parents[1] / "counterexamples"
 TEXTS = "all => all.map((one) => one.textContent)"
 
 
@@ -76,11 +80,13 @@ def rows_are_chosen_by_fate(browser: Browser, folder: Path) -> None:
 def a_hazard_is_a_band_over_both_stations(browser: Browser, folder: Path) -> None:
     logs = simulated(folder / "logs", 1001, 2002, 3003, until=10_000)
     killed(logs[1], 4000)
-    with browser.page(browser.write("hazard", *logs)) as page:
+    size = {"width": 1800, "height": 800}
+    with browser.page(browser.write("hazard", *logs), viewport=size) as page:
         (hazard,) = page.evaluate("RUNS[0].system.hazards")
         page.evaluate("select(HAZARDS[0].ends[0])")
         (words,) = _words(page, "#svg .hazard-words")
-        assert f"{hazard['length']['ms']:,} ms" in words and f"{hazard['bound_ms']:,} ms" in words
+        length, bound = hazard["length"]["ms"], hazard["bound_ms"]
+        assert f"{length:,} " in words and words.endswith(f"{bound:,} ms"), words
         bands = page.locator("#svg .hazard rect")
         columns = [bands.nth(n).bounding_box() for n in range(bands.count())]
         assert len(columns) == 2 and columns[0]["height"] == columns[1]["height"] > 10
@@ -178,3 +184,24 @@ def the_filters_apply_to_the_selected_step(browser: Browser, folder: Path) -> No
             " return box.scrollWidth <= box.clientWidth; })()"
         )
         assert wide, "the field is wide enough for the longest type"
+
+
+def a_counterexample_says_what_it_shows(browser: Browser, folder: Path) -> None:
+    """The mechanism taken away, its replacement as the specification, the property and the row."""
+    for cfg, broken, operator in (
+        ("no_busy_refusal", "S-1", "OnForeignPrescription is replaced by NoBusyRefusal"),
+        ("no_quarantine", "S-4", "Quarantined is replaced by NoQuarantine"),
+    ):
+        path = browser.folder / f"{cfg}.html"
+        path.write_bytes(html(page_of([COUNTEREXAMPLES / f"{cfg}.itf.json"], None)))
+        with browser.page(path) as page:
+            model = next(each for each in models.load() if each.cfg == cfg)
+            part = page.inner_text("#counterexample")
+            assert all(words in part for words in (model.why, broken, operator, "Ablations.tla:"))
+            assert f"in the last of {model.length} states" in part
+            assert f"VIOLATES {broken}" in page.inner_text("#verdict")
+            quoted = page.eval_on_selector_all("#step .source.modified", TEXTS)
+            assert any(operator.split()[-1] in text for text in quoted)
+            page.click("#counterexample .link")
+            assert page.evaluate("now.row === VIOLATIONS[0].row && now.row >= COUNT - 3")
+            assert f"✗ {broken} is violated" in page.evaluate("rowText(now.row)")

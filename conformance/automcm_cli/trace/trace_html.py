@@ -171,6 +171,7 @@ def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
     from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError
     from automcm_traces.export.itf_log import behaviour
+    from automcm_traces.viewer.page_counterexample import shown
     from automcm_traces.viewer.page_part import PageError
     from automcm_traces.viewer.page_run import load
 
@@ -187,4 +188,5 @@ def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
             log.write_bytes(text)
             logs.append(log)
         run = load(sorted(logs), late)
+        run.counterexample = shown(found.model, len(found.moves) + 1)
         return run, f"{found.model}, counterexample found by TLC"

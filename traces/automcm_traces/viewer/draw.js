@@ -127,11 +127,11 @@ function drawHazards(layer, marks, y, seen, size) {
           height: Math.max(3, bottom - Math.max(top, HEAD - 4)) }));
       }
     }
-    const left = Math.min(...hazard.columns.map((n) => layout.x[n]));
-    const right = Math.max(...hazard.columns.map((n) => layout.x[n] + layout.width[n]));
     layer.append(group);
-    marks.append(make("text", { class: "hazard-words", x: left + 8, y: Math.max(top, HEAD) + 14 },
-      fitted(about, (right - left - 8) / 1.1)));
+    const acts = hazard.columns[0], ms = grouped(hazard.length?.ms ?? 0), most = hazard.bound_ms;
+    const words = [about, `⚠ ${ms} of ${most ? grouped(most) : "?"} ms`, `⚠ ${ms} ms`, "⚠"]
+      .find((one) => textWidth(one) * 1.15 < layout.width[acts] - 14) ?? "";
+    marks.append(make("text", { class: "hazard-words", x: layout.x[acts] + 8, y: Math.max(top, HEAD) + 14 }, words));
   }
 }
 
@@ -230,9 +230,9 @@ function drawArrow(layer, arrow, y, signs, labels) {
 function labelArrow(group, arrow, x, y, side, labels) {
   const type = typeOf(arrow.first), wide = textWidth(type), left = side > 0 ? x + 8 : x - 8 - wide;
   const narrow = wide + 22 > Math.abs(lifeline(arrow.to) - x) || y < HEAD + 12;
-  const taken = labels.some((one) => Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide);
+  const taken = labels.some((one) => one.row === arrow.first || Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide);
   if (!type || narrow || taken) return;
-  labels.push({ y, left, wide });
+  labels.push({ row: arrow.first, y, left, wide });
   group.append(make("text", { class: "label", x: left, y: y - 4 }, type));
 }
 
@@ -290,7 +290,9 @@ function drawMarks(layer, a, b, y, seen) {
 /** A row in words, with its station, and the phase in which it leaves the station. */
 function rowText(row) {
   const phase = phaseChange(row), whose = LOGS.length > RUNS.length ? `${station(row)} ` : "";
-  return (diverges(row) ? "✗ " : "") + whose + text(row) + forWhom(row) + (phase ? ` = ${visible(phase)}` : "");
+  const broken = VIOLATIONS.find((one) => one.row === row);
+  return (diverges(row) ? "✗ " : "") + whose + text(row) + forWhom(row) + (phase ? ` = ${visible(phase)}` : "")
+    + (broken ? ` ✗ ${broken.property} is violated` : "");
 }
 
 /** For whom a message is, if the station overhears it. */

@@ -33,7 +33,7 @@ function sift() {
   for (let row = 0; row < COUNT; row++) {
     const inside = !now.span || (row >= now.span[0] && row <= now.span[1]);
     const stays = STEP[row] === STEP[now.row] || STEP[row] === STEP[DIFFERENCE] || diverges(row)
-      || HAZARDS.some(({ ends }) => ends.includes(row));
+      || HAZARDS.some(({ ends }) => ends.includes(row)) || VIOLATIONS.some((one) => one.row === row);
     now.passed[row] = inside && (stays || passes(row, wanted));
     const joins = isBeside(row) && isShown(row - 1);
     now.before[row] = now.shown.length - joins;

@@ -165,6 +165,7 @@ def _run(run: PageRun) -> dict[str, Json]:
         "hazards": run.shown(hazards),
         "ghosts": run.ghosts,
         "crowded": run.crowded,
+        "counterexample": run.counterexample,
     }
 
 

@@ -50,6 +50,8 @@ class PageRun:
     """By file, the number of events of the log before the part shown."""
     note: str = ""
     """The part shown, in a sentence; empty if all is shown."""
+    counterexample: Json = None
+    """What it shows, if it is a counterexample (page_counterexample.py)."""
     renamed: tuple[str, str] = ("", "")
     """A prefix of file names, and its replacement."""
 

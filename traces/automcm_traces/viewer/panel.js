@@ -265,11 +265,13 @@ function specOf(row) {
   const { rule, operator, line } = decision(log, step);
   const holding = Object.keys(DATA.operators).find((name) => holds(name, line)) ?? operator;
   const [first, source] = DATA.operators[holding] ?? [0, ""];
-  const numbered = source.split("\n").map((words, n) => el("li", first + n === line ? { class: "here" } : {},
-    el("span", { class: "number" }, `${first + n}`.padStart(4)), first + n === line ? " ▸ " : "   ", words));
+  const swaps = RUNS[runOf(row)].counterexample?.replaced ?? [];
+  const own = swaps.filter((swap) => swap.operator === holding || swap.operator === operator);
+  const inside = swaps.filter((swap) => !own.includes(swap) && new RegExp(`\\b${swap.operator}\\b`).test(source));
+  if (own.length) return folded(`Specification of the model: ${rule || "no rule"}, ${own[0].by}`, true, own.map(modified));
   return folded(`Specification: ${rule || "no rule"}, ${operator}`, true,
     rule ? el("p", {}, `${rule}: ${DATA.rules[rule]} `, line ? el("span", { class: "dim" }, `Station.tla:${line}`) : "") : "",
-    source ? el("ol", { class: "source" }, numbered) : "");
+    source ? el("ol", { class: "source" }, numberedLines(source, first, line)) : "", inside.map(modified));
 }
 
 const holds = (name, line) => {
@@ -330,6 +332,35 @@ function comparison() {
   return part;
 }
 
+/* Of each counterexample its last row, after which the property is violated. */
+const VIOLATIONS = RUNS.flatMap(({ counterexample: shown }, run) => {
+  const row = Math.max(...LOGS.map((log, n) => (log.run === run ? rowsOf[n].at(-1) ?? -1 : -1)));
+  return shown && row >= 0 ? [{ run, row, property: shown.property || shown.name }] : [];
+});
+
+/** What a counterexample shows: the mechanism taken away, and the property that breaks. */
+function counterexampleOf({ counterexample: shown }, n) {
+  if (!shown) return "";
+  const last = VIOLATIONS.findIndex((one) => one.run === n);
+  const part = folded(el("span", {}, "Counterexample ", el("span", { class: "badge violated" }, `✗ ${shown.property || shown.name}`)), true,
+    el("p", { class: "words" }, shown.why),
+    definitions([["violates", `${shown.property} (${shown.name})`], ["model", shown.model], ["changed", shown.changes]]),
+    el("p", {}, link(VIOLATIONS[last]?.row ?? 0, `in the last of ${shown.states} states`)),
+    ...shown.replaced.map(modified));
+  part.id = "counterexample";
+  return part;
+}
+
+/** The operator that replaces another in a model. */
+function modified({ operator, by, module, line: first, text: source }) {
+  return folded(`${operator} is replaced by ${by}${module && ` (${module}.tla:${first})`}`, true,
+    source ? el("ol", { class: "source modified" }, numberedLines(source, first, -1)) : "");
+}
+
+const numberedLines = (source, first, line) => source.split("\n").map((words, n) =>
+  el("li", first + n === line ? { class: "here" } : {},
+    el("span", { class: "number" }, `${first + n}`.padStart(4)), first + n === line ? " ▸ " : "   ", words));
+
 function judgedOf(run, n) {
   const part = folded(TWO ? el("span", {}, `Verdict on ${"AB"[n]} `, badge(worst(run))) : "Verdict", true,
     ...verdictsOf(run, n), systemOf(run, n), linksOf(run));
@@ -353,10 +384,14 @@ function countsOf(run) {
     el("span", { class: lost ? "lost" : "dim" }, `${grouped(lost)} lost`)];
 }
 
+/** Of a counterexample the property that it violates. */
+const broken = ({ counterexample: shown }) => (shown
+  ? [el("span", { class: "badge violated" }, `✗ VIOLATES ${shown.property || shown.name} without a mechanism`), " "] : []);
+
 function buildPanel() {
   const top = document.getElementById("verdict");
-  const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", badge(worst(run)), " ", ...countsOf(n), " "]);
+  const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", ...broken(run), badge(worst(run)), " ", ...countsOf(n), " "]);
   top.replaceChildren(el("span", {}, badges.flat(), TWO ? comparedBadge() : ""));
   if (DATA.note) panel.append(el("p", { id: "note", class: "warn" }, DATA.note));
-  panel.append(TWO ? comparison() : "", ...RUNS.map(judgedOf), el("div", { id: "step" }));
+  panel.append(...RUNS.map(counterexampleOf).filter(Boolean), TWO ? comparison() : "", ...RUNS.map(judgedOf), el("div", { id: "step" }));
 }
