@@ -26,7 +26,7 @@ REFERENCE = re.compile(
 )
 """A rule, property or model, or what holds none: a link, a heading, other code, a tag."""
 MODELS = {model.cfg for model in models.load()}
-OTHER_WORDS = "cli.md", "trace-format.md", "vectors.md"
+OTHER_WORDS = re.compile(r"cli.*|trace-format.md|vectors.md")
 """Pages in which ``drift`` or ``together`` is no model."""
 ANCHORS = {
     "protocol.md": re.compile(r"(?:<tr>\n<td>|(?<=\d, ))([A-Z]-\d+)(?=</td>|, [A-Z]-\d+</td>)"),
@@ -60,7 +60,7 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
     def linked(found: re.Match[str]) -> str:
         name, anchor = "protocol.md", found["id"]
-        if found["model"] in MODELS and ("_" in found["model"] or here not in OTHER_WORDS):
+        if found["model"] in MODELS and ("_" in found["model"] or not OTHER_WORDS.fullmatch(here)):
             name, anchor = "models.md", found["model"]
         target = files.get_file_from_path(name)
         if not anchor or target is None:

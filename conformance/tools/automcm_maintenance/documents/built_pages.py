@@ -28,9 +28,10 @@ def pages() -> dict[str, Callable[[], str]]:
         f"evaluation/{name}/{report.PAGE}": partial(_details, RESULTS / name / report.RESULTS)
         for name in NAMES
     }
+    commands = {name: partial(str, text) for name, text in cli_page.texts().items()}
     return {
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
-        "cli.md": cli_page.text,
+        **commands,
         "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
         "faults.md": lambda: faults_page.markdown(_json(faults_page.RESULTS)),
         "index.md": _first_page,

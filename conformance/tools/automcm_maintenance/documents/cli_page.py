@@ -1,8 +1,7 @@
-"""docs/cli.md: each command with its help, options and example, generated from the code."""
+"""The pages of the commands: help, options and example of each, generated from the code."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -16,42 +15,44 @@ _HEADS = ("argument or option", "default", "meaning")
 _VALUES = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
 
 
-def text() -> str:
-    """The page."""
+def texts() -> dict[str, str]:
+    """The pages by name: one for each group of commands, and one of the others."""
     from automcm_cli.main import app
 
-    commands = [_shown(path, command) for path, command in _below(get_command(app), ("automcm",))]
-    return markdown.page(PAGES / "cli.md.j2", codes=CODES, commands=commands).rstrip() + "\n"
+    main: Any = get_command(app)
+    top = main.commands
+    groups = {name: group for name, group in sorted(top.items()) if hasattr(group, "commands")}
+    pages = {
+        f"cli-{name}.md": _page(group.commands, ("automcm", name), groups=[], about=_about(group))
+        for name, group in groups.items()
+    }
+    others = {name: command for name, command in top.items() if name not in groups}
+    return {"cli.md": _page(others, ("automcm",), codes=CODES, groups=list(groups))} | pages
 
 
-def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Groups and commands, sorted by name, commands without a group first."""
-    for name in sorted(
-        group.commands, key=lambda name: (hasattr(group.commands[name], "commands"), name)
-    ):
-        command = group.commands[name]
-        yield (*path, name), command
-        if hasattr(command, "commands"):
-            yield from _below(command, (*path, name))
+def _page(commands: dict[str, Any], path: tuple[str, ...], **values: Any) -> str:
+    shown = [_shown((*path, name), command) for name, command in sorted(commands.items())]
+    return markdown.page(PAGES / "cli.md.j2", path=path, commands=shown, **values).rstrip() + "\n"
 
 
 def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
-    """The template values of a command, or of a group, which has no usage."""
-    about = [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
-    if hasattr(command, "commands"):
-        return {"path": path, "about": about, "usage": ""}
+    """The template values of a command."""
     name = " ".join(path)
     context = command.context_class(command, info_name=name)
     example, _, rest = command.epilog.removeprefix("Example: ").removesuffix(".").partition(".  ")
     rows = [_row(each) for each in command.params if not each.hidden]
     return {
         "path": path,
-        "about": about,
+        "about": _about(command),
         "usage": " ".join([name, *command.collect_usage_pieces(context)]),
         "options": markdown_table(_HEADS, rows, left=_HEADS) if rows else "",
         "example": example,
         "further": _plain(rest.strip()),
     }
+
+
+def _about(command: Any) -> list[str]:
+    return [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
 
 
 def _row(each: Any) -> tuple[str, str, str]:
