@@ -179,6 +179,7 @@ def test_after_a_case_that_went_wrong_the_next_one_passes(oracle: Oracle) -> Non
         assert live.judge(BY_NAME["agreement"]).reason == "", case.name
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_busy_machine_blames_nobody(oracle: Oracle, seed: int) -> None:
     """The kit sleeps, and messages are late or lost, both ways: the station is right all along."""

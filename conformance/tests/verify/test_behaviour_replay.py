@@ -33,18 +33,6 @@ def fresh() -> Reference:
 
 
 @pytest.mark.slow
-def test_behaviours_of_four_stations_agree(behaviours: list[Behaviour]) -> None:
-    assert len(behaviours) == 12 and all(len(b) > 10 for b in behaviours)
-    assert len({who for b in behaviours for who, _, _ in b}) == 4
-    assert [replay(b, fresh) for b in behaviours] == [None] * 12
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_behaviours(behaviours: list[Behaviour]) -> None:
-    assert tlc_simulation.behaviours(12, 40, 7, lively=True) == behaviours
-
-
-@pytest.mark.slow
 def test_a_missing_rule_shows(behaviours: list[Behaviour]) -> None:
     rows = without("ADV-3")
     answers = [replay(b, lambda: Reference(tlc_simulation.CONSTANTS, rows)) for b in behaviours]

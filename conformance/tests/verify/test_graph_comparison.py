@@ -74,19 +74,6 @@ def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
 
 
 @pytest.mark.slow
-def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
-    class Broken(Reference):
-        def apply(self, value: Any) -> Any:
-            if value.kind == "restart":
-                raise RuntimeError("no")
-            return super().apply(value)
-
-    result = walk(oracle, Broken(oracle.constants), transitions_only=True)
-    assert result.differences == len(oracle.states)
-    assert "RuntimeError: no" in explain(result.divergences[0], oracle)
-
-
-@pytest.mark.slow
 def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Older(Reference):
         def put(self, state: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,18 @@ from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 REAL = oracle_generation.build
 
 
-@pytest.fixture(scope="module")
+@cache
 def built() -> Any:
     return REAL(oracle_generation.SMALL, short=True)
 
 
 @pytest.fixture(autouse=True)
-def built_once(built: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """TLC writes the small graph once for all tests here; nothing else is asked for."""
 
     def build(graph: oracle_generation.Graph, *, short: bool) -> Any:
         assert graph is oracle_generation.SMALL and short
-        return built
+        return built()
 
     def unwanted(*_: object, **__: object) -> None:
         raise AssertionError("only the small graph is compared")
@@ -70,6 +71,7 @@ def test_a_rule_that_the_reference_keeps() -> None:
     assert found["reference"]["inputs_compared"] == graph.transitions + graph.refusals
 
 
+@pytest.mark.slow
 def test_a_rule_that_the_reference_does_not_keep(monkeypatch: pytest.MonkeyPatch) -> None:
     """PRE-5 differs first, but the requested rule is shown first."""
     once, rows = without("NEG-4"), without("PRE-5")
@@ -95,8 +97,8 @@ def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_small_graph_misses_every_rule_that_is_taken_away(built: Any) -> None:
-    graph = oracle.parse(oracle.dump(built[0]), "small")
+def test_the_small_graph_misses_every_rule_that_is_taken_away() -> None:
+    graph = oracle.parse(oracle.dump(built()[0]), "small")
     found = graph_comparison.covered(graph, lambda rule: verify_._without(graph.constants, rule))
     assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
 

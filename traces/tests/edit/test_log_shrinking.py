@@ -179,7 +179,7 @@ BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "div
 """Every second one is deep."""
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "entry",
     [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],
@@ -211,6 +211,7 @@ def explain_steps(paths: list[Path]) -> dict[str, list[set[int]]]:
     return {log.file: [{item.line for item in step} for step in log.steps()] for log in logs}
 
 
+@pytest.mark.slow
 def test_a_forged_message_is_shrunk_with_the_log_of_its_sender() -> None:
     found = shrink([CORPUS / "bad/forged_content.ndjson", CORPUS / "pair/1001.ndjson"])
     assert [Path(log.file).name for log in found.logs] == ["forged_content.ndjson", "1001.ndjson"]

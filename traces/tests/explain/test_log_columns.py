@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,7 @@ EPOCH = 1_732_300_000_000
 MARKS = [(), ("x2002",), ("?2002",), ("2nd", "for 3003"), ("x2002", "x3003", "?4004"), ("forged",)]
 
 
+@cache
 def different() -> list[Event]:
     """The events of the corpus that have different summaries."""
     found: dict[str, Event] = {}

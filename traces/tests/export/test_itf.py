@@ -216,7 +216,7 @@ def containers(inner: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
     )
 
 
-VALUES = st.recursive(LEAVES, containers, max_leaves=12)
+VALUES = st.recursive(LEAVES, containers, max_leaves=6)
 
 
 @given(st.lists(st.fixed_dictionaries({"x": VALUES, "net": VALUES}), max_size=3), VALUES)
