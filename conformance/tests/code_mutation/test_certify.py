@@ -8,9 +8,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -216,18 +214,6 @@ def test_a_difference_is_found_and_shown(folder: Path) -> None:
     assert "finished" in found.right and "finished" not in found.wrong
 
 
-def test_a_mutant_that_ends_the_first_look_may_not_be_equivalent(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def ended(*_: object) -> None:
-        raise equivalence.EquivalenceError("exit code 1: MemoryError")
-
-    monkeypatch.setattr(equivalence, "first_difference", ended)
-    mutant = changed("station", "return min(armed(", "return max(armed(")
-    job = certificate._look(certificate._Job(mutant, CertificateRun(tmp_path)))
-    assert not job.same and job.error == "exit code 1: MemoryError"
-
-
 @pytest.mark.parametrize(
     ("first", "quick", "parts"),
     [
@@ -253,7 +239,7 @@ def test_what_is_run_until_a_case_fails(
         return Kills()
 
     monkeypatch.setattr(suite_kills, "kills", kills)
-    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
+    monkeypatch.setattr(certificate, "_graphs", lambda: None)
     certificate.killed(["no"], CertificateRun(tmp_path, quick=quick), tmp_path, first)
     assert ran == parts
     kept = certificate.suite_hash(CertificateRun(tmp_path, quick=quick))
@@ -335,29 +321,21 @@ def test_an_interrupted_run_returns_what_is_decided_and_continues(
     """Interrupted when one mutant is killed, and one could not be judged."""
     first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
 
-    def judge(
-        mutants: list[SourceMutant],
-        _: object,
-        __: object,
-        rows: dict[str, MutantRow],
-        kept: Any,
-        ___: object,
-    ) -> None:
-        for mutant, verdict in zip(mutants, ("killed", "undecided"), strict=False):
-            kept.keep(mutant.source, replace(KILLED, id=mutant.id, verdict=verdict), rows)
-        raise KeyboardInterrupt
+    verdicts = iter(("killed", "undecided"))
+
+    def judge(asked: CertificateRun, values: Any) -> Any:
+        if (verdict := next(verdicts, None)) is None:
+            raise KeyboardInterrupt
+        return replace(KILLED, id=values["id"], verdict=verdict).as_dict()
 
     monkeypatch.setattr(certificate, "_judge", judge)
-    asked = CertificateRun(tmp_path, jobs=1)
-    (tmp_path / ".tight-0.part.ab.new").write_text("the rest of a run that was killed")
-    rows, problems = certificate.run([first, second], asked, lambda text: None)
+    third = changed(*SCRIPTS["timer"])
+    asked = CertificateRun(tmp_path, jobs=1, walks=())
+    rows, problems = certificate.run([first, second, third], asked, lambda text: None)
     assert [row.id for row in rows] == [first.id] and problems == ["interrupted"]
-    assert [path.name for path in tmp_path.iterdir()] == ["decided.jsonl"]
-    kept = tmp_path / "decided.jsonl"
-    kept.write_bytes(kept.read_bytes() + b'{"key": "cut as it wro')
+    assert len(list((tmp_path / "cells").iterdir())) == 1, "what is undecided is judged again"
     rows, problems = certificate.run([first], asked, lambda text: None)
     assert [row.verdict for row in rows] == ["killed"] and problems == []
-    assert kept.read_bytes().endswith(b"\n")
 
 
 @pytest.mark.parametrize("ends", [None, "forms", "one-peer", "two-peers"])
@@ -374,43 +352,13 @@ def test_only_who_is_compared_on_every_graph_is_equivalent(
 
     monkeypatch.setattr(equivalence, "first_difference", first_difference)
     monkeypatch.setattr(certificate, "killed", lambda *_: Kills())
-    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
-    mutant = changed(*SCRIPTS["table"])
-    row = certificate._work(certificate._look(certificate._Job(mutant, CertificateRun(tmp_path))))
+    monkeypatch.setattr(certificate, "_graphs", lambda: None)
+    asked, values = CertificateRun(tmp_path), asdict(changed(*SCRIPTS["table"]))
+    row = MutantRow.of(certificate._judge(asked, values))
     if ends is None:
         assert row.verdict == "equivalent" and sorted(walked) == sorted(equivalence.WALKS)
     else:
         assert row.verdict == "undecided" and row.why == "no end"
-
-
-def test_what_may_be_equivalent_comes_first(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    first, second = changed(*SCRIPTS["table"]), changed(*SCRIPTS["guard"])
-    asked, ran = CertificateRun(tmp_path, jobs=1), []
-    found = equivalence.FirstDifference(("tight", 0), 1, ["restart"])
-
-    class InTurn:
-        def map_async(self, *_: object) -> InTurn:
-            return self
-
-        def get(self) -> None:
-            pass
-
-        def imap_unordered(self, work: object, jobs: list[Any]) -> Iterator[object]:
-            for job in jobs:
-                ran.append((work, job.mutant.id))
-                looked = replace(job, found=found if job.mutant == first else None)
-                killed = replace(KILLED, id=job.mutant.id, verdict="killed")
-                yield looked if work is certificate._look else killed
-
-    monkeypatch.setattr(certificate, "_processes", lambda asked: nullcontext(InTurn()))
-    monkeypatch.setattr(equivalence, "digests", lambda folder, walk: folder)
-    rows, _ = certificate.run([first, second], asked, lambda text: None)
-    look, work = certificate._look, certificate._work
-    assert ran == [(look, first.id), (look, second.id), (work, second.id), (work, first.id)]
-    assert [row.verdict for row in rows] == ["killed", "killed"]
-    assert certificate.run([first, second], asked, lambda text: None)[0] == rows and len(ran) == 4
 
 
 def test_the_parts_of_the_suite_end_with_a_kill_and_share_one_limit(
@@ -424,7 +372,7 @@ def test_the_parts_of_the_suite_end_with_a_kill_and_share_one_limit(
         return next(parts)
 
     monkeypatch.setattr(suite_kills, "kills", kills)
-    monkeypatch.setattr(certificate._Worker, "graphs", None, raising=False)
+    monkeypatch.setattr(certificate, "_graphs", lambda: None)
     found = certificate.killed(["no"], CertificateRun(tmp_path), tmp_path, ["ACT-3"])
     assert found.cases == ["AMCM/STA/END/BI-04"]
     assert certificate.UNTIL_S >= left[0] > left[1] and len(left) == 2

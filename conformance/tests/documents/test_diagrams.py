@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from automcm.core.phases import WAYS
-from automcm_maintenance.documents import state_diagrams, uncited
+from automcm_maintenance.documents import citations, state_diagrams
 from automcm_maintenance.documents.state_diagrams import Edge, Way
 from automcm_spec.graph import oracle_generation
 from automcm_spec.graph.oracle import Oracle, load
@@ -140,7 +140,7 @@ PARSED = {rule: fields for rule, *fields in RULE.findall(PROTOCOL)}
 def test_the_page_has_every_rule_once_and_no_other() -> None:
     headings = re.findall(r"^#### (\S+)$", PROTOCOL, re.MULTILINE)
     assert headings == list(PARSED)
-    assert sorted(headings) == sorted([*RULES, *uncited.KINEMATIC, *uncited.APPLICATION])
+    assert sorted(headings) == sorted([*RULES, *citations.KINEMATIC, *citations.APPLICATION])
 
 
 def test_every_rule_of_the_station_has_operators_and_no_other_has() -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -85,50 +83,6 @@ def test_the_screen_says_which_models_are_kept_and_how_many(asked: list[bool]) -
     assert "models 2/2: bare_ack holds (kept)" in said
     text = shown(verify_.run(fresh=True))
     assert "Kept" not in text and "kept" not in text
-
-
-def test_a_stage_says_how_long_it_took_earlier(asked: list[bool], folder: Path) -> None:
-    said: list[str] = []
-    folder.mkdir()
-    (folder / verify_.SECONDS).write_text(json.dumps({"quick": TIMES, "full": {"models": [300.0]}}))
-    report = verify_.run("quick", said.append)
-    report.seconds, report.elapsed = {"models": 12.3, "generated files": 4.0}, 16.3
-    text = " ".join(shown(report).split())
-    assert text.endswith("after 16 s: models 12 s (earlier: 70, 2 s); generated files 4 s.")
-    assert report.as_dict()["earlier_seconds"] == TIMES
-    assert {"models 0/2 (earlier: 70, 2 s)", "generated files"} <= set(said)
-
-
-def test_the_last_runs_of_a_profile_are_remembered(
-    asked: list[bool], folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = (float(n * n) for n in count())
-    monkeypatch.setattr(verify_, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    runs = [verify_.run() for _ in range(verify_.EARLIER + 2)]
-    verify_.run("full")
-    latest = verify_.run("quick")
-    assert [len(run.earlier.get("models", ())) for run in runs] == [0, 1, 2, 3, 3]
-    wanted = [round(run.seconds["models"], 1) for run in reversed(runs[2:])]
-    assert latest.earlier["models"] == wanted
-    assert set(json.loads((folder / verify_.SECONDS).read_text())) == {"quick", "full"}
-
-
-def test_runs_that_fail_do_not_count(asked: list[bool], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generated_files, "drift", lambda *_: ["spec/oracle: stale"])
-    assert not verify_.run().ok and verify_.run().earlier == {}
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"quick": {"models": ["a"]}}', '{"quick": [1]}', "\0"])
-def test_a_history_that_cannot_be_read_is_none(text: str, asked: list[bool], folder: Path) -> None:
-    folder.mkdir()
-    (folder / verify_.SECONDS).write_text(text)
-    assert verify_.run().earlier == {} and verify_.run().ok
-
-
-def test_a_history_that_cannot_be_written_is_none(asked: list[bool], folder: Path) -> None:
-    folder.write_text("a file")
-    report = verify_.run()
-    assert report.ok and verify_.run().earlier == {}
 
 
 def test_a_stage_is_kept_until_a_file_that_it_depends_on_changes(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def finish(
     and a process that broke off; OSError for a folder that cannot be written or a disk that is
     full.
     """
-    kept = {canonical(values): folder / CELLS / _name(of, values) for values in wanted}
+    kept = {canonical(values): _path(folder, of, values) for values in wanted}
     if len(kept) != len(wanted):
         raise ExperimentError("the sweep contains a cell twice")
     files.folder(folder, named=True)
@@ -145,9 +145,15 @@ def finish(
     return [_cell(path) for path in kept.values()]
 
 
-def _name(of: Values, values: Values) -> str:
+def finished(wanted: Sequence[Values], of: Values, folder: Path) -> list[tuple[Path, Cell]]:
+    """The cells that are finished, with their files.  Raises ExperimentError."""
+    paths = [_path(folder, of, values) for values in wanted]
+    return [(path, _cell(path)) for path in paths if path.exists()]
+
+
+def _path(folder: Path, of: Values, values: Values) -> Path:
     text = canonical(of | {"values": values})
-    return f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
+    return folder / CELLS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
 
 
 def _cell(path: Path) -> Cell:

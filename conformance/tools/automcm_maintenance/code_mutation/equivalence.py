@@ -7,6 +7,7 @@ of the reference define which functions each kind of input can call.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import subprocess
@@ -28,7 +29,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
 )
 from automcm_spec.graph import oracle
 from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
-from automcm_spec.support import children
+from automcm_spec.support import children, files
 from automcm_spec.vocabulary.rules import kind
 
 WALKS = (
@@ -75,13 +76,19 @@ class EquivalenceError(Exception):
 
 
 def digests(folder: Path, walk: tuple[str, int]) -> Path:
-    """The digests of the reference; written if they do not exist.  Raises WalkError."""
+    """The digests of the reference; written, by one process, if they do not exist.
+
+    Raises EquivalenceError, OSError.
+    """
     graph, variant = walk
     path = folder / f"{graph}-{variant}-{_present()}.digests"
-    if not path.exists():
-        part = path.with_suffix(".part")
-        _child("state", "-", "write", graph, str(variant), str(part))
-        part.rename(path)
+    files.folder(folder, named=True)
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            part = path.with_suffix(".part")
+            _child("state", "-", "write", graph, str(variant), str(part))
+            part.rename(path)
     return path
 
 
@@ -90,7 +97,9 @@ def first_difference(
 ) -> FirstDifference | None:
     """Where a mutant first behaves differently on these graphs, or None.
 
-    ``source`` is the file of the mutated module, ``folder`` holds the digests.  Raises WalkError.
+    ``source`` is the file of the mutated module, ``folder`` holds the digests.
+
+    Raises EquivalenceError, OSError.
     """
     kinds = sorted(kinds_of(mutant))
     for walk in walks:
@@ -107,7 +116,7 @@ def first_difference(
 def hidden(mutant: SourceMutant, source: Path, walks: Iterable[tuple[str, int]]) -> bool:
     """Whether a mutant with another state has equal outputs on these graphs (lockstep.py).
 
-    Raises WalkError.
+    Raises EquivalenceError.
     """
     if mutant.module == "messages":
         return False  # a change there is no matter of a state, and both sides of lockstep share it
@@ -136,7 +145,7 @@ def hint(found: FirstDifference, owners: Owners) -> set[str]:
 
 
 def shown(mutant: SourceMutant, source: Path, found: FirstDifference) -> Difference:
-    """The difference there.  Raises WalkError."""
+    """The difference there.  Raises EquivalenceError."""
     graph, variant = found.walk
     show = ("show", graph, str(variant), str(found.state))
     right = json.loads(_child("state", "-", *show))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import string
 from collections.abc import Callable, Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
@@ -12,8 +11,7 @@ from pathlib import Path
 from automcm_conformance.suite import purposes
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.compilation import compiler
-from automcm_maintenance.documents import uncited
-from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.documents.repository import ROOT, markdown_table
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.rules import OPERATOR, RULES
 
@@ -21,6 +19,20 @@ COLUMNS = (
     *("specification", "must fail", "code", "case", "log tools", "vector", "counterexample"),
     "test",
 )
+HEAD = """# Rule coverage
+
+A cell names the first citation and the number of others. An empty cell means that there is none: a
+rule of trajectories (KIN) or of the application (APP) is in no model, and a property is not a part
+of one station's code.
+
+- *specification*: operators of `spec/tla/` that cite the rule, or a property's formula.
+- *must fail*: [models](models.md) without the rule, or violating the property.
+- *code* and *test*: files that cite the rule. *vector*: files of [vectors](vectors.md).
+- *log tools*: methods of the [compiled station](compiled-station.md) that decide by the
+  rule, for the log engine; then files of `traces/automcm_traces/` that cite it.
+- *case*: the cases of `automcm conform list RULE` ([conformance.md](conformance.md)).
+- *counterexample*: those with a step decided by the rule, or that break the property.
+"""
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|I|L|R|T)-\d\b")
 _CODE = ("reference/automcm/**/*.py", "reference/automcm_simulation/radio/success.py")
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
@@ -31,6 +43,16 @@ _TESTS = tuple(
     f"{folder}/tests/**/*.py" for folder in ("spec", "reference", "traces", "conformance")
 )
 
+KINEMATIC = tuple(f"KIN-{n}" for n in range(1, 8))
+APPLICATION = {
+    "APP-1": "an application knows everybody heard or seen, whether they answered or not",
+    "APP-2": "it proceeds or prescribes only if everybody known is clear or follows the target",
+    "APP-3": "when a vehicle is clear: gap, margin, braking",
+    "APP-4": "it looks again before it moves over",
+    "APP-5": "it looks on while it moves over, up to the point of no return",
+    "APP-6": "a station whose clock is out of step counts as one that did not answer",
+}
+"""Rules of an application, not of the station, in one line each."""
 Cell = list[tuple[str, str]]
 """The citations of a rule in a column: names with their places, the best first."""
 
@@ -39,15 +61,15 @@ def summaries() -> dict[str, str]:
     """Every rule, kernel rule, application rule and property, with a summary in one line."""
     other = ("extents", "clock", *vectors.SECURED)  # of KIN-3, as collide, of APP-6, of none
     names = [name for name in vectors.KERNELS if name not in other]
-    kernels = dict(zip(uncited.KINEMATIC, names, strict=True))
+    kernels = dict(zip(KINEMATIC, names, strict=True))
     return (
         RULES
         | {
             rule: f"the kernel `{name}` ([kernels.md](kernels.md))"
             for rule, name in kernels.items()
         }
-        | uncited.APPLICATION
-        | {id_: f"property `{models.PROPERTIES[id_]}`" for id_ in uncited.PROPERTIES}
+        | APPLICATION
+        | {id_: f"property `{name}`" for id_, name in models.PROPERTIES.items() if id_ != "TypeInv"}
     )
 
 
@@ -72,46 +94,21 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
     return table
 
 
-def reasons() -> dict[tuple[str, str], str]:
-    """The reason for an empty cell by rule and column."""
-    others = (*RULES, *uncited.WITHOUT_VECTORS, *uncited.PROPERTIES)
-    why = [*uncited.WHY, ("vector", others, uncited.VECTORLESS)]
-    return {(rule, column): text for column, rules, text in why for rule in rules}
-
-
 def table(root: Path) -> str:
-    """docs/rule-coverage.md: each cell has a citation and the number of others, or a reason."""
-    why, words = reasons(), summaries()
-    notes = dict(zip(dict.fromkeys(why.values()), string.ascii_lowercase, strict=False))
-    lines = [
-        "# Rule coverage",
-        "",
-        "A cell names the first citation and the number of others; a letter refers to the reason",
-        "for an empty cell. A test fails if an empty cell has no reason (`uncited.py`).",
-        "",
-        "- *specification*: operators of `spec/tla/` that cite the rule, or a property's formula.",
-        "- *must fail*: [models](models.md) without the rule, or violating the property.",
-        "- *code* and *test*: files that cite the rule. *vector*: files of [vectors](vectors.md).",
-        "- *log tools*: methods of the [compiled station](compiled-station.md) that decide by the",
-        "  rule, for the log engine; then files of `traces/automcm_traces/` that cite it.",
-        "- *case*: the cases of `automcm conform list RULE` ([conformance.md](conformance.md)).",
-        "- *counterexample*: those with a step decided by the rule, or that break the property.",
-        "",
-        "| rule | summary | " + " | ".join(COLUMNS) + " |",
-        "|---|---|" + "---|" * len(COLUMNS),
+    """docs/rule-coverage.md: each cell has a citation and the number of others."""
+    words = summaries()
+    rows = [
+        [rule, words[rule], *map(_shown, cells.values())] for rule, cells in found(root).items()
     ]
-    for rule, cells in found(root).items():
-        shown = []
-        for column, cell in cells.items():
-            if not cell:
-                note = notes.get(why.get((rule, column), ""))
-                shown.append(f"[{note}](#reasons-for-empty-cells)" if note else "**none**")
-                continue
-            (name, path), more = cell[0], len(cell) - 1
-            shown.append(f"[`{name}`](../{path})" + (f" +{more}" if more else ""))
-        lines.append(f"| {rule} | {words[rule]} | " + " | ".join(shown) + " |")
-    lines += ["", "## Reasons for empty cells", ""]
-    return "\n".join([*lines, *(f"- {note}: {text}" for text, note in notes.items())]) + "\n"
+    heads = ["rule", "summary", *COLUMNS]
+    return f"{HEAD}\n{markdown_table(heads, rows, heads)}\n"
+
+
+def _shown(cell: Cell) -> str:
+    if not cell:
+        return ""
+    (name, path), *others = cell
+    return f"[`{name}`](../{path})" + (f" +{len(others)}" if others else "")
 
 
 def _ids(text: str) -> list[str]:

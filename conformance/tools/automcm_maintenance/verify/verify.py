@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import importlib
-import json
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
-
-from pydantic import TypeAdapter
 
 from automcm_cli.shared.common import unknown
 from automcm_cli.spec import model_output
@@ -25,7 +22,7 @@ from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
 from automcm_spec.model_checking import kept_results, models, tlc, tlc_simulation
 from automcm_spec.model_checking.tlc import TlcError
 from automcm_spec.model_checking.toolchain import ToolError
-from automcm_spec.support import children, files
+from automcm_spec.support import children
 from automcm_spec.vocabulary import json_forms
 from automcm_spec.vocabulary.rules import RULES
 
@@ -33,8 +30,7 @@ BEHAVIOURS = ((30, 40, False), (70, 40, True))
 """The number, length and kind of random behaviours of the closed models that are replayed."""
 SEED = 7
 KEPT = ROOT / "runs" / "kept"
-"""The folder of data for later runs: results of models, and durations of stages."""
-SECONDS = "seconds.json"
+"""The folder of data for later runs: results of models and of stages."""
 CODE = ("spec/automcm_spec", "spec/tools", "spec/tla", "spec/oracle", "pyproject.toml")
 """What the graph of one station depends on."""
 COMPARED = (
@@ -48,10 +44,7 @@ COMPARED = (
 """What the comparisons depend on."""
 WHOLE = ("docs", "spec", "reference", "traces", "conformance", "README.md", *CODE)
 """What the generated files depend on."""
-EARLIER = 3
-"""Number of runs whose durations are kept."""
 T = TypeVar("T")
-_HISTORY = TypeAdapter(dict[str, dict[str, list[float]]])
 
 
 class NotLoaded(Exception):
@@ -92,23 +85,11 @@ class VerifyReport:
     kept_stages: list[str] = field(default_factory=list)
     """The stages with a kept result."""
     fresh: bool = False
-    earlier: dict[str, list[float]] = field(default_factory=dict)
-    """The durations of each stage in earlier runs of this profile here, the last one first."""
-
-    @property
-    def loop(self) -> str:
-        """Runs with the same stages, whose durations are comparable."""
-        return "rule" if self.rule else self.profile
 
     @property
     def kept(self) -> int:
         """The number of models with a kept result, because none of its inputs has changed."""
         return sum(verdict.kept for verdict in self.verdicts)
-
-    def took_earlier(self, stage: str) -> str:
-        """The earlier durations as text; empty without any."""
-        times = ", ".join(f"{seconds:.0f}" for seconds in self.earlier.get(stage, ()))
-        return f" (earlier: {times} s)" if times else ""
 
     @property
     def graphs(self) -> tuple[oracle_generation.Graph, ...]:
@@ -202,7 +183,6 @@ class VerifyReport:
             "mutants": self.mutants,
             "errors": self.all_errors,
             "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
-            "earlier_seconds": self.earlier,
         }
 
 
@@ -268,7 +248,6 @@ def run(
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
     report = VerifyReport(profile, models_too, rule, fresh=fresh or profile != "quick")
-    report.earlier = _history().get(report.loop, {})
     started = time.monotonic()
     if rule is not None:
         with _errors(report):
@@ -276,8 +255,6 @@ def run(
     else:
         _stages(report, notify)
     report.elapsed = time.monotonic() - started
-    if report.ok:
-        _remember(report)
     return report
 
 
@@ -353,34 +330,12 @@ def _kept(
     return found
 
 
-def _history() -> dict[str, dict[str, list[float]]]:
-    """``VerifyReport.earlier`` of each loop; empty without a readable file."""
-    with suppress(OSError, ValueError):
-        return _HISTORY.validate_json((KEPT / SECONDS).read_bytes())
-    return {}
-
-
-def _remember(report: VerifyReport) -> None:
-    """Add the durations to the history; of two concurrent runs, the last one wins."""
-    stages = {
-        name: [round(seconds, 1), *report.earlier.get(name, ())][:EARLIER]
-        for name, seconds in report.seconds.items()
-    }
-    history = _history() | {report.loop: report.earlier | stages}
-    with suppress(OSError):
-        KEPT.mkdir(parents=True, exist_ok=True)
-        files.write(KEPT / SECONDS, json.dumps(history))
-
-
 @contextmanager
-def _timed(
-    report: VerifyReport, name: str, notify: Callable[[str], None]
-) -> Iterator[Callable[[str], None]]:
-    """A stage, with a callback for its progress."""
-    earlier = report.took_earlier(name)
+def _timed(report: VerifyReport, name: str) -> Iterator[None]:
+    """A stage."""
     started = time.monotonic()
     try:
-        yield lambda text: notify(f"{text}{earlier}")
+        yield
     finally:
         report.seconds[name] = time.monotonic() - started
 
@@ -390,7 +345,7 @@ def _models(report: VerifyReport, notify: Callable[[str], None], stop: tlc.TlcSt
     chosen = models.of_profile(loaded, report.profile)
     if report.profile == "quick":
         report.left = [model.cfg for model in loaded if model.profile == "full"]
-    with _timed(report, "models", notify) as notify:
+    with _timed(report, "models"):
         notify(f"models 0/{len(chosen)}")
 
         def done(verdict: models.ModelVerdict) -> None:
@@ -407,7 +362,7 @@ def _models(report: VerifyReport, notify: Callable[[str], None], stop: tlc.TlcSt
 def _oracle(
     report: VerifyReport, graph: oracle_generation.Graph, notify: Callable[[str], None]
 ) -> bytes:
-    with _timed(report, "oracle", notify) as notify:
+    with _timed(report, "oracle"):
         notify(f"oracle: {graph.name}")
 
         def make() -> bytes:
@@ -429,7 +384,7 @@ def _compare_rule(report: VerifyReport, rule: str, notify: Callable[[str], None]
     """The short loop: all inputs in all states of the small graph, also with the rule disabled."""
     _load_reference()
     data = _oracle(report, oracle_generation.SMALL, notify)
-    with _timed(report, "comparison", notify) as notify:
+    with _timed(report, "comparison"):
         notify("comparison: every state, every input")
         report.compared = {oracle_generation.SMALL.name: _walk(data)}
         if not report.divergences:
@@ -446,7 +401,7 @@ def _load_reference() -> None:
 
 
 def _drift(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
-    with _timed(report, "generated files", notify) as notify:
+    with _timed(report, "generated files"):
         notify("generated files")
         report.drift += _kept(
             report,
@@ -482,7 +437,7 @@ class _Compared:
 
 
 def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
-    with _timed(report, "comparison", notify) as notify:
+    with _timed(report, "comparison"):
         found = _kept(
             report,
             "comparison",

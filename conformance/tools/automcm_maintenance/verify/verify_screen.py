@@ -61,10 +61,7 @@ def show(report: VerifyReport, console: Console) -> None:
         )
     if report.left:
         console.print(f"Left to full  {', '.join(report.left)}: make verify ARGS='--profile full'")
-    parts = "; ".join(
-        f"{name} {seconds:.0f} s{report.took_earlier(name)}"
-        for name, seconds in report.seconds.items()
-    )
+    parts = "; ".join(f"{name} {seconds:.0f} s" for name, seconds in report.seconds.items())
     word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
     console.print(f"{word} after {report.elapsed:.0f} s: {parts}.")
 
