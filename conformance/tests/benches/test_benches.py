@@ -10,7 +10,6 @@ import pytest
 from cli_stage import automcm
 
 from automcm.kernels.collide import closest_approach, closest_approach_pairs
-from automcm.kernels.thin import thin
 from automcm_maintenance.benches import bench_commands, kernels_bench
 from automcm_maintenance.benches.plugin import BenchRow, BenchRun
 
@@ -88,13 +87,8 @@ def test_the_kernels_and_their_baselines_compute_the_same() -> None:
     a, b = kernels_bench.road(40), kernels_bench.road(40, -20.0, 3.5, 9.0)
     found = closest_approach(a, b)
     assert found is not None
-    loop = kernels_bench.python_approach(kernels_bench.rows(a), kernels_bench.rows(b))
-    assert loop == pytest.approx((found.distance, found.time))
     assert kernels_bench.cheapest(a, b) == pytest.approx(found.distance)
     t, one, other = kernels_bench.traffic(40, 30)
     many = closest_approach_pairs(t, one, other)
     assert kernels_bench.dense(one, other) == pytest.approx(many.distance, abs=1e-9)
     assert (np.diff(t) > 0).all()
-    thinned = thin(a, 10**6, len, speed=1e9)
-    kept = kernels_bench.python_thin(a.t.tolist(), a.xy.tolist())
-    assert a.t[kept].tolist() == thinned.t.tolist()

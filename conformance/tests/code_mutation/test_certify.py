@@ -28,7 +28,8 @@ from automcm_maintenance.code_mutation import (
 from automcm_maintenance.code_mutation.behaviour_digest import VARIANTS, AnyState
 from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
 from automcm_maintenance.code_mutation.equivalence import Difference
-from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
+from automcm_maintenance.code_mutation.faults import Edit
+from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT, full_name
 from automcm_maintenance.code_mutation.source_edits import CLASSES
 from automcm_maintenance.code_mutation.source_mutants import (
     SHARE,
@@ -59,8 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def changed(module: str, old: str, new: str) -> SourceMutant:
     """A mutant made by hand."""
     source = path_of(module).read_text(encoding="utf-8")
-    assert source.count(old) == 1, old
-    mutated = source.replace(old, new)
+    mutated = Edit(full_name(module), old, new).apply(source)
     line = source[: source.index(old)].count("\n") + 1
     return SourceMutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
 

@@ -1,15 +1,14 @@
 """The cost of the trajectory kernels, each beside another way to compute the same.
 
-Baselines are loops in Python, the cheapest formulation in numpy without checks, and shapely, whose
-areas are only compared at time steps.  docs/kernels.md discusses
-the results.
+Baselines are a loop over the points, the cheapest formulation in numpy without checks, and shapely,
+whose areas are only compared at time steps.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,7 +42,6 @@ CAR, LORRY = Extent(4.5, 1.8), Extent(16.5, 2.55)
 SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
 HERE, HOLD, GAIN = (1.0, 1.0), 1.0, 5.0
-Way = Sequence[tuple[float, float, float]]
 points = pytest.mark.parametrize("n", POINTS)
 pairs = pytest.mark.parametrize(("n", "pairs"), PAIRS)
 
@@ -84,61 +82,39 @@ def two(n: int) -> tuple[Trajectory, Trajectory]:
     return road(n), road(n, ahead=-20.0, aside=3.5, speed=SPEED * 1.07)
 
 
-def rows(way: Trajectory) -> list[tuple[float, float, float]]:
-    """Times and places as Python has them."""
-    return [(t, *xy) for t, xy in zip(way.t.tolist(), way.xy.tolist(), strict=True)]
-
-
 # -- kernels of one vehicle
 
 
 @points
-def bench_python_convert(n: int, timed: Timed) -> None:
-    """A loop."""
-    timed(partial(python_convert, road(n).xy.tolist(), [SPEED] * n, HERE))
+def bench_loop(n: int, timed: Timed) -> None:
+    """The lengths of all steps, one after the other."""
+    xy = road(n).xy.tolist()
+    timed(lambda: [math.dist(a, b) for a, b in pairwise(xy)])
 
 
 @points
-@beside("python_convert", 5)
+@beside("loop", 40)
 def bench_convert(n: int, timed: Timed) -> None:
     """KIN-1."""
     timed(partial(convert, road(n).xy, np.full(n, SPEED), HERE, 0.0))
 
 
 @points
-def bench_python_thin(n: int, timed: Timed) -> None:
-    """A loop."""
-    timed(partial(python_thin, noisy(n).t.tolist(), noisy(n).xy.tolist()))
-
-
-@points
-@beside("python_thin", 6)
+@beside("loop", 400)
 def bench_thin(n: int, timed: Timed) -> None:
     """KIN-2, with encoding."""
     timed(partial(thin, noisy(n)))
 
 
 @points
-def bench_python_discover(n: int, timed: Timed) -> None:
-    """A loop."""
-    timed(partial(python_discover, cars(n)))
-
-
-@points
-@beside("python_discover", 2)
+@beside("loop", 60)
 def bench_discover(n: int, timed: Timed) -> None:
     """KIN-4."""
     timed(partial(discover, cars(n), ZONE))
 
 
 @points
-def bench_python_prescribe(n: int, timed: Timed) -> None:
-    """A loop, without places."""
-    timed(partial(python_prescribe, road(n).t.tolist(), road(n).xy.tolist(), 1.0, HOLD, GAIN))
-
-
-@points
-@beside("python_prescribe", 25)
+@beside("loop", 120)
 def bench_prescribe(n: int, timed: Timed) -> None:
     """KIN-5."""
     timed(partial(prescribe, road(n), 1.0, hold=HOLD, gain=GAIN))
@@ -173,12 +149,6 @@ def bench_project(n: int, timed: Timed) -> None:
 
 
 @points
-def bench_python_approach(n: int, timed: Timed) -> None:
-    """A loop along both."""
-    timed(partial(python_approach, *map(rows, two(n))))
-
-
-@points
 def bench_cheapest(n: int, timed: Timed) -> None:
     """In numpy, without checks."""
     timed(partial(cheapest, *two(n)))
@@ -192,7 +162,7 @@ def bench_closest_approach(n: int, timed: Timed) -> None:
 
 
 @points
-@beside("python_approach", 0.8)
+@beside("cheapest", 4)
 def bench_collision(n: int, timed: Timed) -> None:
     """KIN-3."""
     timed(partial(collision, *two(n), THRESHOLD))
@@ -277,40 +247,6 @@ def dense(a: Floats, b: Floats) -> Floats:
     return least
 
 
-def python_approach(
-    a: Sequence[tuple[float, float, float]], b: Sequence[tuple[float, float, float]]
-) -> tuple[float, float]:
-    """A loop along both trajectories; the least distance and its time."""
-    start, end = max(a[0][0], b[0][0]), min(a[-1][0], b[-1][0])
-    i = j = 0
-    best, when = math.inf, start
-    t0, x0, y0, first = start, 0.0, 0.0, True
-    while True:
-        while i < len(a) - 2 and a[i + 1][0] <= t0:
-            i += 1
-        while j < len(b) - 2 and b[j + 1][0] <= t0:
-            j += 1
-        (ta, xa, ya), (ua, va, wa) = a[i], a[i + 1]
-        (tb, xb, yb), (ub, vb, wb) = b[j], b[j + 1]
-        t1 = t0 if first else min(ua, ub, end)
-        p, q = (t1 - ta) / (ua - ta), (t1 - tb) / (ub - tb)
-        x1 = xa + p * (va - xa) - xb - q * (vb - xb)
-        y1 = ya + p * (wa - ya) - yb - q * (wb - yb)
-        if first:
-            x0, y0, first = x1, y1, False
-            best = x0 * x0 + y0 * y0
-            continue
-        wx, wy = x1 - x0, y1 - y0
-        square = wx * wx + wy * wy
-        s = min(max(-(x0 * wx + y0 * wy) / square, 0.0), 1.0) if square else 0.0
-        d = (x0 + s * wx) ** 2 + (y0 + s * wy) ** 2
-        if d < best:
-            best, when = d, t0 + s * (t1 - t0)
-        if t1 >= end:
-            return math.sqrt(best), when
-        t0, x0, y0 = t1, x1, y1
-
-
 def areas(shapely: Any, way: Floats, size: Extent) -> Any:
     """A vehicle's rectangle at each step."""
     ahead = np.exp(1j * np.arctan2(*np.gradient(way, axis=0).T[::-1]))[:, None]
@@ -318,77 +254,3 @@ def areas(shapely: Any, way: Floats, size: Extent) -> Any:
     corners = corners.real * size.length / 2 + 1j * corners.imag * size.width / 2
     places = (way[:, 0] + 1j * way[:, 1])[:, None] + ahead * corners
     return shapely.polygons(np.stack([places.real, places.imag], axis=2))
-
-
-def python_convert(
-    xy: list[list[float]], v: list[float], here: tuple[float, float]
-) -> list[tuple[float, float, float]]:
-    """The path from the nearest place on, with times."""
-    best, k, foot = math.inf, 0, (0.0, 0.0)
-    for n in range(len(xy) - 1):
-        (ax, ay), (bx, by) = xy[n], xy[n + 1]
-        dx, dy = bx - ax, by - ay
-        square = dx * dx + dy * dy
-        s = ((here[0] - ax) * dx + (here[1] - ay) * dy) / square if square else 0.0
-        s = min(max(s, 0.0), 1.0)
-        x, y = ax + s * dx, ay + s * dy
-        d = math.hypot(here[0] - x, here[1] - y)
-        if d < best:
-            best, k, foot = d, n, (x, y)
-    t, (x, y) = 0.0, foot
-    made = [(t, x, y)]
-    while k < len(xy) - 1 and v[k] > 0.1:
-        t += math.hypot(xy[k + 1][0] - x, xy[k + 1][1] - y) / v[k]
-        x, y = xy[k + 1]
-        k += 1
-        made.append((t, x, y))
-    return made
-
-
-def python_thin(t: list[float], xy: list[list[float]]) -> list[int]:
-    """Douglas-Peucker at equal times, with a stack; of the bounds only that of the position."""
-    kept, parts = {0, len(t) - 1}, [(0, len(t) - 1)]
-    while parts:
-        a, b = parts.pop()
-        worst, at = 0.1, a
-        for k in range(a + 1, b):
-            s = (t[k] - t[a]) / (t[b] - t[a])
-            x, y = (xy[a][i] + s * (xy[b][i] - xy[a][i]) for i in (0, 1))
-            away = math.hypot(xy[k][0] - x, xy[k][1] - y)
-            if away > worst:
-                worst, at = away, k
-        if at > a:
-            kept.add(at)
-            parts += [(a, at), (at, b)]
-    return sorted(kept)
-
-
-def python_discover(cars: Sequence[Candidate]) -> int:
-    """The foremost vehicle in the zone."""
-    best, leader = -math.inf, 0
-    for each in cars:
-        x, y = each.xy
-        crossed = False
-        for k in range(len(ZONE)):
-            (ax, ay), (bx, by) = ZONE[k - 1], ZONE[k]
-            if (ay > y) != (by > y) and x < ax + (y - ay) * (bx - ax) / (by - ay):
-                crossed = not crossed
-        ahead = x * each.direction[0] + y * each.direction[1]
-        if crossed and ahead > best:
-            best, leader = ahead, each.station_id
-    return leader
-
-
-def python_prescribe(
-    t: list[float], xy: list[list[float]], start: float, hold: float, gain: float
-) -> list[tuple[float, float]]:
-    """Times and distances only, without positions on the path."""
-    made, gained, way = [], 0.0, 0.0
-    for k in range(len(t) - 1):
-        span = t[k + 1] - t[k]
-        step = math.dist(xy[k], xy[k + 1])
-        if t[k] >= start + hold:
-            gained = min(gain, gained + min(20 / 3.6, step / span - 1) * span)
-        way += step
-        made.append((t[k + 1], way - gained))
-    return made

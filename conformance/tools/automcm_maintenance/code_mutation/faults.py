@@ -72,8 +72,7 @@ class Edit:
         found = text.count(self.old, first, last)
         if found != 1 or self.old == self.new:
             raise FaultError(f"{self.place} has {found} times {self.old!r}, not once")
-        at = text.index(self.old, first, last)
-        return text[:at] + self.new + text[at + len(self.old) :]
+        return text[:first] + text[first:last].replace(self.old, self.new) + text[last:]
 
 
 def _span(text: str, function: str) -> tuple[int, int]:
