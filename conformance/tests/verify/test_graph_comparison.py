@@ -64,7 +64,7 @@ def test_a_missing_rule_is_missed_and_named(oracle: Oracle, rule: str) -> None:
     result = walk(oracle, Reference(oracle.constants, without(rule)), stop_at_first=True)
     found = result.divergences[0]
     assert found.rule == (rule if rule != "END-4" else "NEG-6")
-    assert f"Station.tla:{found.line}" in explain(found, oracle) and found.line > 0
+    assert f"Station.tla:{found.line}" in explain(found) and found.line > 0
 
 
 def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
@@ -84,9 +84,7 @@ def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle:
     result = walk(oracle, Older(oracle.constants), transitions_only=True)
     choosing = [state for state in oracle.states if state.phase == "CHOOSING"]
     assert (result.differences, result.states) == (len(choosing), len(oracle.states))
-    assert explain(result.divergences[0], oracle).endswith(
-        "raises ValueError: too many values to unpack"
-    )
+    assert explain(result.divergences[0]).endswith("raises ValueError: too many values to unpack")
 
 
 def test_of_each_rule_that_many_differences_are_kept(oracle: Oracle) -> None:

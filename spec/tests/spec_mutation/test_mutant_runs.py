@@ -35,18 +35,17 @@ def test_a_property_kills_counts_kill_and_an_equivalent_mutant_survives(folder: 
     still = by_change[f"{step}  =>  IF x < 3 THEN x + 0 ELSE 0"]
     equal = by_change[f"{same}  =>  IF x >= 7 THEN 0 ELSE x"]
     broken = Mutant("Tiny.Step.x.0", "Tiny", "Step", "guard", 5, 60, 62, b"((", "a", "b")
-    cache = folder / "runs" / "cache.jsonl"
-    report = run([tiny()], [off, still, equal, broken], folder, cache=cache, jobs=2)
+    kept = folder / "runs"
+    report = run([tiny()], [off, still, equal, broken], folder, kept=kept, jobs=2)
     assert [o.row.how for o in report.outcomes] == ["property", "counts", "none", "none"]
     assert report.outcomes[0].properties == ["Small"]
     assert report.outcomes[1].survived and report.outcomes[2].survived
     assert report.outcomes[3].invalid and len(report.rows) == 3
     assert report.complete and report.exit_code == 0
-    with cache.open("a") as file:
-        file.write('["half a li')
+    (kept / "unfinished.run").write_text("half a li")
     with pytest.MonkeyPatch.context() as patch:  # nothing is run again
         patch.delattr(models, "check")
-        again = run([tiny()], [off, still, equal, broken], folder, cache=cache)
+        again = run([tiny()], [off, still, equal, broken], folder, kept=kept)
     assert again.outcomes == report.outcomes
 
 
@@ -176,12 +175,12 @@ def test_on_a_slower_machine_a_model_gets_more_time(
 
 
 def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one, cache = mutants.generate(folder, ["Tiny"])[:1], folder / "cache.jsonl"
+    one, kept = mutants.generate(folder, ["Tiny"])[:1], folder / "kept"
     monkeypatch.setattr(models, "check", lambda model, **_: failed(model, "timeout"))
     with pytest.raises(mutant_runs.MutationError, match="without a mutant: timeout"):
-        run([tiny()], one, folder, cache=cache)
+        run([tiny()], one, folder, kept=kept)
     monkeypatch.setattr(models, "check", lambda model, **_: ok(model))
-    assert run([tiny()], one, folder, cache=cache).outcomes[0].survived
+    assert run([tiny()], one, folder, kept=kept).outcomes[0].survived
 
 
 def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
@@ -199,8 +198,8 @@ def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
 def test_a_mutant_that_only_changes_answers_is_found_in_the_graph(tmp_path: Path) -> None:
     """No model is asked: an answer with a seq differs in the graph of one station."""
     mutant = next(m for m in mutants.generate() if m.operator == "AnswerSeq" and m.kind == "number")
-    report = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    report = mutant_runs.run([mutant], [], kept=tmp_path, jobs=1)
     (outcome,) = report.outcomes
     assert outcome.row.how == "graph"
-    again = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    again = mutant_runs.run([mutant], [], kept=tmp_path, jobs=1)
     assert again.outcomes == report.outcomes

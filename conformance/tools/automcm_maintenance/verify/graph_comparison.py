@@ -129,7 +129,6 @@ def walk(
     *,
     transitions_only: bool = False,
     stop_at_first: bool = False,
-    on_state: Callable[[int], None] | None = None,
 ) -> WalkResult:
     """Compare every state and every possible input (or only those that change the state).
 
@@ -151,8 +150,6 @@ def walk(
     adapter.reset()
     reached: dict[int, Any] = {0: adapter.save()}
     for n, state in enumerate(oracle.states):
-        if on_state is not None:
-            on_state(n)
         here = {"state": state, "marks": oracle.marks[n]}
         answers: Iterable[OracleAnswer] = (
             oracle.changes(n) if transitions_only else oracle.answers(n)
@@ -182,7 +179,7 @@ def walk(
     return result
 
 
-def explain(divergence: Divergence, oracle: Oracle) -> str:
+def explain(divergence: Divergence) -> str:
     """A difference as text: the inputs that lead to it, the spec's answer and the code's."""
     parts = [f"{divergence.rule} (Station.tla:{divergence.line})"]
     parts += [f"  {n}. {canonical(value)}" for n, value in enumerate(divergence.inputs, 1)]
@@ -212,7 +209,6 @@ Ablated = Callable[[str], Walkable]
 def covered(
     oracle: Oracle,
     ablated: Ablated,
-    on_rule: Callable[[str], None] | None = None,
     *,
     wanted: Iterable[str] = RULES,
 ) -> Coverage:
@@ -224,8 +220,6 @@ def covered(
     for rule in wanted:
         if rule in NO_GRAPH:
             continue
-        if on_rule is not None:
-            on_rule(rule)
         found = walk(oracle, ablated(rule), stop_at_first=True).divergences
         if found:
             result.covered[rule] = found[0].rule

@@ -98,13 +98,16 @@ class VerifyReport:
         return (oracle_generation.TIGHT, *larger)
 
     @property
-    def divergences(self) -> list[dict[str, Any]]:
-        """The divergences of all comparisons for ``--json``, those of the requested rule first."""
+    def found(self) -> list[graph_comparison.Divergence]:
+        """The divergences of all comparisons, those of the requested rule first."""
         found = [d for c in self.compared.values() for d in c.divergences]
-        found.sort(key=lambda d: d.rule != self.rule)
-        return [d.as_dict() for d in found] + [
-            {"behaviour": text} for text in self.behaviour_differences
-        ]
+        return sorted(found, key=lambda d: d.rule != self.rule)
+
+    @property
+    def divergences(self) -> list[dict[str, Any]]:
+        """All differences for ``--json``."""
+        behaviours = [{"behaviour": text} for text in self.behaviour_differences]
+        return [d.as_dict() for d in self.found] + behaviours
 
     @property
     def all_errors(self) -> list[str]:

@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from automcm_cli.spec.model_output import checks
+from automcm_maintenance.verify.graph_comparison import explain
 from automcm_maintenance.verify.verify import VerifyReport
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
@@ -168,18 +169,5 @@ def _comparison(report: VerifyReport, console: Console) -> None:
             f"Rules       {len(rules.covered)} of {total} missed when "
             f"taken away{missing}; {len(rules.by_test)} shown by a test"
         )
-    for d in report.divergences[:3]:
-        if "behaviour" in d:
-            console.print(f"[red]Differs[/]     {escape(d['behaviour'])}", soft_wrap=True)
-            continue
-        console.print(f"[red]Differs[/]     {d['rule']} (Station.tla:{d['line']})")
-        for n, value in enumerate(d["inputs"], 1):
-            console.print(f"  {n}. {escape(str(value))}", soft_wrap=True)
-        if "error" in d["actual"]:
-            console.print(f"  code raises {escape(str(d['actual']['error']))}", soft_wrap=True)
-            continue
-        for name, wanted in d["expected"].items():
-            actual = d["actual"][name]
-            if actual != wanted:
-                console.print(f"  {name}: spec {escape(str(wanted))}", soft_wrap=True)
-                console.print(f"  {name}: code {escape(str(actual))}", soft_wrap=True)
+    for text in [*map(explain, report.found), *report.behaviour_differences][:3]:
+        console.print(f"[red]Differs[/]     {escape(text)}", soft_wrap=True)

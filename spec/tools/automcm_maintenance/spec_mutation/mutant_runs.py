@@ -9,15 +9,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
-
-from pydantic import TypeAdapter, ValidationError
 
 from automcm_maintenance.spec_mutation.mutant_results import MutantResult
 from automcm_maintenance.spec_mutation.mutant_rules import HOW, How
 from automcm_maintenance.spec_mutation.mutants import Mutant
+from automcm_maintenance.verify import kept_stages
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.model_checking import models, tlc, toolchain
 from automcm_spec.model_checking.models import PROPERTY_IDS, Model
@@ -123,56 +122,18 @@ class _Found:
     seconds: float
 
 
-_KEPT = TypeAdapter(tuple[str, How | Literal["invalid"] | None, str, float])
-
-
-class Cache:
-    """A cache of runs with one line of JSON for each, so that an interrupted run loses nothing.
-
-    The key of a run is a hash of all inputs of TLC and of the expected result.
-    """
-
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self._lock = threading.Lock()
-        self._found: dict[str, _Found] = {}
-        if path is not None and path.is_file():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                try:
-                    key, how, what, seconds = _KEPT.validate_json(line)
-                except ValidationError:
-                    continue  # a line that the interrupted run did not finish
-                self._found[key] = _Found(how, what, seconds)
-
-    def get(self, key: str) -> _Found | None:
-        """The cached result, if there is one."""
-        return self._found.get(key)
-
-    def put(self, key: str, found: _Found) -> None:
-        """Store a result."""
-        with self._lock:
-            if self._found.get(key) == found:
-                return
-            self._found[key] = found
-            if self._path is not None:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                with self._path.open("a", encoding="utf-8") as file:
-                    row = [key, found.how, found.what, found.seconds]
-                    file.write(json.dumps(row) + "\n")
-
-
 class _Run:
-    """The models, the cache, and the checks of one mutant."""
+    """The models, the folder of kept runs, and the checks of one mutant."""
 
     def __init__(
         self,
         chosen: Sequence[Model],
         tla: Path,
-        cache: Cache,
+        kept: Path | None,
     ) -> None:
         self.models = sorted(chosen, key=lambda m: (m.seconds, m.cfg))
         self.stop = tlc.TlcStop()
-        self._cache = cache
+        self._folder = kept
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
         self._sound: dict[str, float] = {}
@@ -231,8 +192,7 @@ class _Run:
         seconds = 0.0
         for graph in GRAPHS:
             key = hashlib.sha256(graph.name.encode() + b"".join(modules.values())).hexdigest()
-            found = self._cache.get(key) or self._built(graph, folder)
-            self._cache.put(key, found)
+            found = self._kept(key, partial(self._built, graph, folder))
             seconds += found.seconds
             if found.how is not None:
                 return _Found(found.how, found.what, seconds)
@@ -289,10 +249,7 @@ class _Run:
     def _run(
         self, mutant: Mutant | None, model: Model, cfg: str, folder: Path, timeout_s: float
     ) -> _Found:
-        """One run of TLC, or its cached result.  folder is the mutant's own.
-
-        A cached time-out is not used, because the machine may have been busy.
-        """
+        """One run of TLC, or its kept result.  folder is the mutant's own."""
         modules = {name: self._modules[name] for name in sorted(self._read_by[model.module])}
         if mutant is not None:
             modules[mutant.module] = mutant.apply(modules[mutant.module])
@@ -301,8 +258,16 @@ class _Run:
         for name, text in modules.items():
             digest.update(f"\0{name}\0".encode() + text)
         key = digest.hexdigest()
-        if (known := self._cache.get(key)) is not None and known.how != "timeout":
-            return known
+        return self._kept(key, partial(self._checked, model, cfg, modules, folder, timeout_s))
+
+    def _checked(
+        self,
+        model: Model,
+        cfg: str,
+        modules: dict[str, bytes],
+        folder: Path,
+        timeout_s: float,
+    ) -> _Found:
         if self.stop.stopped:
             raise _Stopped
         for name, text in modules.items():
@@ -315,9 +280,15 @@ class _Run:
         )
         if self.stop.stopped:
             raise _Stopped
-        found = _found(verdict, cfg)
-        self._cache.put(key, found)
-        return found
+        return _found(verdict, cfg)
+
+    def _kept(self, key: str, make: Callable[[], _Found]) -> _Found:
+        """The result under a hash of all that it depends on, so that an interrupted run loses
+        nothing.  A time-out is not kept, because the machine may have been busy."""
+        if self._folder is None:
+            return make()
+        path = self._folder / f"{key}.run"
+        return kept_stages.kept(path, key, make, lambda found: found.how != "timeout")[0]
 
 
 def _limit(seconds: float) -> float:
@@ -369,17 +340,17 @@ def run(
     *,
     profile: Profile = "quick",
     tla: Path = TLA,
-    cache: Path | None = None,
+    kept: Path | None = None,
     jobs: int = 2,
     notify: Notify = lambda text: None,
 ) -> MutationReport:
     """Run the models, which must hold, on each mutant, ``jobs`` at a time.
 
     On Ctrl-C the active runs are killed, and the report contains the known results; the next run
-    with the same cache continues.  Raises MutationError if a model is not as expected without a
-    mutant, or if a tool fails.
+    with the same folder ``kept`` continues.  Raises MutationError if a model is not as expected
+    without a mutant, or if a tool fails.
     """
-    the_run = _Run(chosen, tla, Cache(cache))
+    the_run = _Run(chosen, tla, kept)
     outcomes: dict[str, MutantOutcome] = {}
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         try:

@@ -21,7 +21,7 @@ from automcm_maintenance.spec_mutation.mutants import MissingPackage, Mutant, ge
 from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
 
-CACHE = ROOT / "runs" / "mutation.jsonl"
+KEPT = ROOT / "runs" / "mutation"
 PROFILES: tuple[str, ...] = get_args(Profile)
 
 
@@ -101,7 +101,7 @@ def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) 
         mutants,
         chosen,
         profile="deep" if asked.profile == "deep" else "quick",
-        cache=CACHE,
+        kept=KEPT,
         jobs=asked.jobs,
         notify=notify,
     )

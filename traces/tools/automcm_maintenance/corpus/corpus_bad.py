@@ -122,22 +122,22 @@ def _drop(ev: str, nth: int = 1, **wanted: Json) -> Edit:
     return edit
 
 
-def _drop_input(ev: str, nth: int = 1, **wanted: Json) -> Edit:
+def _drop_input(ev: str, **wanted: Json) -> Edit:
     """Remove an input; the verdict names the event that followed it."""
 
     def edit(log: EditedLog) -> tuple[int, bytes | None]:
-        line = log.find(ev, nth, **wanted)
+        line = log.find(ev, **wanted)
         log.drop(line)
         return line, None
 
     return edit
 
 
-def _twice(ev: str, nth: int = 1, **wanted: Json) -> Edit:
+def _twice(ev: str, **wanted: Json) -> Edit:
     """Duplicate an event; the verdict names the second."""
 
     def edit(log: EditedLog) -> tuple[int, bytes | None]:
-        line = log.find(ev, nth, **wanted)
+        line = log.find(ev, **wanted)
         log.records.insert(line, json.loads(json.dumps(log.at(line))))
         return line + 1, None
 
