@@ -8,6 +8,7 @@ from automcm_conformance.exchange.exchange import Broken, Exchange, Infeasible, 
 from automcm_conformance.exchange.tours import Pair, timetable
 from automcm_conformance.exchange.wire import LONG_MS, long
 from automcm_spec.graph.oracle import Oracle
+from automcm_spec.support.shortening import with_fewer_parts
 from automcm_spec.vocabulary.station import Expire
 
 LEASES = (LONG_MS, 1_000)
@@ -15,6 +16,8 @@ LEASES = (LONG_MS, 1_000)
 RUNS = 120
 """Exchanges tried in order to shorten one."""
 Wrong = Mismatch | Broken
+Short = tuple[list[int], Wrong]
+"""Inputs, and what goes wrong at the last of them."""
 
 
 def play(
@@ -87,40 +90,31 @@ def shortened(
     ways: Sequence[list[int] | None],
     attempt: Callable[[list[int]], Wrong | None],
     runs: int = RUNS,
-) -> tuple[list[int], Wrong] | None:
+) -> Short | None:
     """A short part of ``inputs`` after which the last answer is still wrong; None if even all of
     them do not lead to a wrong answer again.
 
     ``ways[k]`` leads to the state before input k; ``attempt`` plays inputs and returns the error.
     """
-    best: tuple[list[int], Wrong] | None = None
-    length = 1
-    while best is None and runs > 0:
+
+    def run(part: list[int]) -> Short | None:
+        nonlocal runs
+        if runs <= 0:
+            return None
+        runs -= 1
+        given = offered(oracle, part)
+        wrong = attempt(given)
+        return None if wrong is None else (given[: wrong.steps[-1].place + 1], wrong)
+
+    def without(found: Short, at: int, size: int) -> Short | None:
+        *before, last = found[0]
+        shorter = run([*before[:at], *before[at + size :], last])
+        return shorter if shorter is not None and len(shorter[0]) < len(found[0]) else None
+
+    best, length = None, 1
+    while best is None and length < 4 * len(inputs):
         start = max(0, len(inputs) - length)
-        way = ways[start]
-        if way is not None or start == 0:
-            best = _run(oracle, [*(way or []), *inputs[start:]], attempt)
-            runs -= 1
-        if start == 0:
-            break
+        way = [] if start == 0 else ways[start]
+        best = None if way is None else run([*way, *inputs[start:]])
         length *= 4
-    size = len(best[0]) // 2 if best else 0
-    while best and size > 0:
-        at = 0
-        while at + size < len(best[0]) and runs > 0:
-            shorter = _run(oracle, best[0][:at] + best[0][at + size :], attempt)
-            runs -= 1
-            if shorter is not None and len(shorter[0]) < len(best[0]):
-                best = shorter
-            else:
-                at += size
-        size //= 2
-    return best
-
-
-def _run(
-    oracle: Oracle, inputs: list[int], attempt: Callable[[list[int]], Wrong | None]
-) -> tuple[list[int], Wrong] | None:
-    inputs = offered(oracle, inputs)
-    wrong = attempt(inputs)
-    return None if wrong is None else (inputs[: wrong.steps[-1].place + 1], wrong)
+    return best and with_fewer_parts(best, lambda found: len(found[0]) - 1, without)

@@ -11,6 +11,7 @@ from automcm_conformance.exchange.play import Wrong, offered
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.explore.walks import Act, Setting, WalkCoverage
 from automcm_spec.graph.oracle import Oracle
+from automcm_spec.support.shortening import with_fewer_parts
 from automcm_spec.vocabulary.station import State
 
 NEAREST = 600
@@ -101,7 +102,8 @@ class Shrinker:
         length = best.sent + 1
         while best.sent < length:
             length = best.sent
-            best = self._from_afar(self._fewer(best))
+            fewer = with_fewer_parts(best, lambda walk: len(walk.acts), self._without)
+            best = self._from_afar(fewer)
         return self._simpler(best)
 
     def _try(self, setting: Setting, acts: Sequence[Act]) -> FailingWalk | None:
@@ -207,20 +209,6 @@ class Shrinker:
             if short is not None and short.sent < found.sent:
                 return short
             length *= 2
-        return found
-
-    def _fewer(self, found: FailingWalk) -> FailingWalk:
-        """The walk without the acts that the failure does not need."""
-        size = len(found.acts) // 2
-        while size > 0:
-            at = 0
-            while at < len(found.acts) and not self._ended:
-                short = self._without(found, at, size)
-                if short is None:
-                    at += size
-                else:
-                    found = short
-            size //= 2
         return found
 
     def _without(self, found: FailingWalk, at: int, size: int) -> FailingWalk | None:

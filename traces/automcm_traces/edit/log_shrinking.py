@@ -22,6 +22,7 @@ from typing import Any
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
+from automcm_spec.support.shortening import with_fewer_parts
 from automcm_traces.checker.finding import Finding
 from automcm_traces.edit.log_slice import Item, LogSlice
 from automcm_traces.explain.explain import Verdict, explain, forged, verdicts_of
@@ -310,16 +311,13 @@ class Search:
 
     def _fewer(self, n: int, parts_of: Callable[[LogSlice], list[list[Item]]]) -> None:
         """Leave out consecutive parts of the log at index ``n``, long runs first, from the end."""
-        size = len(parts_of(self.best[n]))
-        while size and not self.ended:
-            at = len(parts_of(self.best[n]))
-            while at > 0 and not self.ended:
-                parts = parts_of(self.best[n])
-                at = min(at, len(parts))
-                away = parts[max(0, at - size) : at]
-                self._without({id(item) for part in away for item in part})
-                at -= size
-            size //= 2
+
+        def without(best: Candidate, at: int, size: int) -> Candidate | None:
+            away = parts_of(best[n])[::-1][at : at + size]
+            done = self._without({id(item) for part in away for item in part})
+            return self.best if done else None
+
+        with_fewer_parts(self.best, lambda best: len(parts_of(best[n])), without)
 
     def _some_fewer(self, n: int) -> None:
         """Leave out any consecutive steps, or any two steps."""
