@@ -62,6 +62,14 @@ def run(
     quick: Annotated[
         bool, typer.Option(help="Run only the part that finds most faults (docs/conformance.md).")
     ] = False,
+    failed: Annotated[
+        bool,
+        typer.Option(
+            "--failed",
+            help="Run only the cases that failed when this command was run last, according to the "
+            "reports in runs/, or that in the folder --out.",
+        ),
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Run the test suite, or a part of it, against a station."""
@@ -74,6 +82,18 @@ def run(
     from automcm_spec.graph.oracle import OracleError
 
     command, chosen = command_of(ctx), purposes_of(selectors or [])
+    if failed:
+        reports = [out] if out else Path("runs").glob("*")
+        with code_3("conform", ValueError, OSError):
+            last = report_.failed_last(
+                (path for each in reports if (path := each / "report.json").exists()), command
+            )
+        if last is None:
+            raise typer.BadParameter("--failed: there is no report of this command yet")
+        chosen = [purpose for purpose in chosen if purpose.id in last]
+        if not chosen:
+            say("no case failed last time")
+            raise typer.Exit
     folder = out or fresh_folder()
     started, clock = datetime.now(UTC), time.monotonic()
     with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
@@ -86,7 +106,11 @@ def run(
                 limit_s=limit,
                 seed=seed,
                 notify=notify,
-                selectors=[*(selectors or []), *(["--quick"] if quick else [])],
+                selectors=[
+                    *(selectors or []),
+                    *(["--quick"] if quick else []),
+                    *(["--failed"] if failed else []),
+                ],
                 expected=known,
                 stop_after=stop_after,
                 quick=quick,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from automcm_conformance.exchange.results import (
     Verdict,
 )
 from automcm_spec.support import files
-from automcm_spec.support.bad_input import BadInput, printable
+from automcm_spec.support.bad_input import BadInput, errors_of, printable
 from automcm_spec.support.templates import environment
 from automcm_traces.checker.finding import Finding, Where, Why
 from automcm_traces.viewer import page as page_
@@ -131,11 +132,19 @@ def load(path: Path) -> Report:
             raise ValueError(f"format: expected {FORMAT}; give the report.json of a run")
         return _REPORT.validate_python(value)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise ValueError(visible(f"{path}: {field}: {first['msg']}")) from None
+        raise ValueError(visible(f"{path}: {': '.join(errors_of(error)[0])}")) from None
     except (ValueError, RecursionError) as error:
         raise ValueError(visible(f"{path}: {error}")) from None
+
+
+def failed_last(reports: Iterable[Path], command: Sequence[str]) -> list[str] | None:
+    """The ids of the cases that are FAIL or ERROR in the newest of these reports on an adapter's
+    command; None if there is none. Raises ValueError and OSError as ``load``."""
+    for path in sorted(reports, key=lambda path: path.stat().st_mtime, reverse=True):
+        report = load(path)
+        if report.implementation.command == list(command):
+            return [case.id for case in report.cases if case.verdict in ("FAIL", "ERROR")]
+    return None
 
 
 def html(reports: list[Report]) -> str:

@@ -126,6 +126,21 @@ def test_json_that_cannot_be_written_is_3_and_the_report_is_there(tmp_path: Path
     assert done.report["counts"]["PASS"] == 1
 
 
+def test_only_what_failed_last_time_runs_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    failed = ("conform", "run", "--failed", "--", *CARELESS)
+    assert "there is no report of this command" in automcm(*failed).output
+    automcm("conform", "run", CASE, OTHER, "--", *CARELESS)
+    automcm("conform", "run", OTHER, "--out", "runs/x", "--", *REFERENCE)
+    assert automcm(*failed).exit_code == 1
+    newest = max(Path("runs").glob("*/report.json"), key=lambda path: path.stat().st_mtime)
+    assert [case["id"] for case in json.loads(newest.read_text())["cases"]] == [CASE]
+    again = automcm("conform", "run", OTHER, "--failed", "--", *CARELESS)
+    assert again.exit_code == 0 and "no case failed last time" in again.output
+
+
 def test_a_folder_of_its_own_in_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     answer = automcm("conform", "run", CASE, "--", *REFERENCE)
