@@ -19,6 +19,7 @@ from automcm_conformance.exchange.wire import ME
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.conditions import Evaluated, NoArm, blocking_conditions, record
+from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_spec.vocabulary.station import Effect, Expire, Input, State, Station
 from automcm_traces.checker.track import NO_INDICATION
@@ -130,15 +131,12 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
 
 
 def _limits(oracle: Oracle) -> dict[str, int]:
-    names = "MaxRounds", "MaxParticipants", "OutboxLimit", "MemoryLimit"
-    return {name: oracle.constants[name] for name in names}
+    return {constant: oracle.constants[constant] for constant in LIMITS.values()}
 
 
 @cache
 def _station(limits: tuple[tuple[str, int], ...]) -> Station:
-    of = dict(limits)
-    names = "MaxRounds", "MaxParticipants", "OutboxLimit", "MemoryLimit"
-    return Station(*(of[name] for name in names))
+    return Station(*dict(limits).values())
 
 
 def _names(evaluated: Evaluated, rule: str) -> bool:

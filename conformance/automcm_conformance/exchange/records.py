@@ -24,9 +24,9 @@ from automcm_spec.log_format.problems import first_problem
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
+from automcm_spec.vocabulary.parameters import LIMITS
 
 FORMAT = "automcm.replay/1"
-LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
 
 
 class _Line(BaseModel, extra="forbid"):

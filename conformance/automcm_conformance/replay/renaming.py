@@ -8,10 +8,9 @@ session.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeGuard
 
 from automcm_conformance.adapter.protocol import Object
-from automcm_spec.vocabulary.messages import LIMIT
+from automcm_spec.vocabulary.messages import LIMIT, session_in
 
 Key = tuple[str, int, tuple[int, int]]
 """Type, addressee (0 for all) and session: messages with equal keys differ in their seq only."""
@@ -40,7 +39,7 @@ class Renaming:
 
     def session(self, session: list[int]) -> list[int]:
         """The station's name of a session; a value that is not a session is returned unchanged."""
-        if not _is_session(session) or session[0] != self._me:
+        if session_in(session) is None or session[0] != self._me:
             return session
         number = session[1]
         if number in self._logged:
@@ -58,7 +57,7 @@ class Renaming:
             out["session"] = self.session(m["session"])
         if m["type"] == "CAM" and isinstance(m.get("marks"), list):
             out["marks"] = [self.session(session) for session in m["marks"]]
-        if m["type"] == "Ack" and _is_acked(m.get("of")) and _is_session(m.get("session")):
+        if m["type"] == "Ack" and _is_acked(m.get("of")) and session_in(m.get("session")):
             out["of"] = m["of"] | {"seq": self._acked(m)}
         return out
 
@@ -83,8 +82,8 @@ class Renaming:
 
 
 def _note(m: Object, numbers: list[int], seqs: dict[Key, list[int]]) -> None:
-    session, seq = m.get("session"), m.get("seq")
-    if m["type"] in ("CAM", "Ack") or not _is_session(session) or type(seq) is not int:
+    session, seq = session_in(m.get("session")), m.get("seq")
+    if m["type"] in ("CAM", "Ack") or session is None or type(seq) is not int:
         return
     if m["type"] == "Advertisement" and session[1] not in numbers:
         numbers.append(session[1])
@@ -95,10 +94,6 @@ def _note(m: Object, numbers: list[int], seqs: dict[Key, list[int]]) -> None:
 
 def _key(m: Object) -> Key:
     return m["type"], m.get("dst", 0), tuple(m["session"])
-
-
-def _is_session(value: object) -> TypeGuard[list[int]]:
-    return isinstance(value, list) and len(value) == 2 and all(type(n) is int for n in value)
 
 
 def _is_acked(value: object) -> bool:

@@ -43,6 +43,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.log_format.reader import read
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import errors_of
 from automcm_traces.checker.finding import Diverges
 from automcm_traces.checker.track import CannotTell
 from automcm_traces.explain.explain import explain
@@ -266,10 +267,10 @@ class _Run:
         try:
             COMMAND.validate_python({**command, "now": event.t_ms})
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"][2:])
+            place, problem = errors_of(error)[0]
+            place = place.removeprefix(f"command.{renamed['name']}.")
             text = f"seq {event.seq}: command {renamed['name']} cannot be given to an adapter"
-            raise CannotTell(f"{text}: {place}: {first['msg']}") from None
+            raise CannotTell(f"{text}: {place}: {problem}") from None
         return command
 
     def _needs(self, feature: str) -> None:

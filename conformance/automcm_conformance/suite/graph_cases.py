@@ -37,6 +37,7 @@ from automcm_conformance.suite.tally import (
 )
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import operators
 from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
 from automcm_traces.checker.finding import Finding
@@ -44,12 +45,6 @@ from automcm_traces.checker.finding import Finding
 Notify = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
 """The parameters for the graphs; the limits are those of the graph."""
-LIMITS = {
-    "max_rounds": "MaxRounds",
-    "max_participants": "MaxParticipants",
-    "outbox_limit": "OutboxLimit",
-    "memory_limit": "MemoryLimit",
-}
 BULK = 1_000
 """The approximate number of lines that are written before their answers are read."""
 STARTS = 20

@@ -7,10 +7,10 @@ from suite_stage import Suite, graph, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance.suite.graph_cases import LIMITS as CONSTANTS
 from automcm_maintenance.code_mutation import faults
 from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.graph.oracle_generation import TIGHT
+from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.station import Expire
 
 FAULTS = faults.load("quantities")
@@ -36,7 +36,7 @@ def test_each_fault_of_quantity_is_found(conform: Suite, name: str, case: str) -
 def test_a_growing_graph_answers_as_the_stored_one() -> None:
     stored = graph(TIGHT.path)
     grown = GrowingGraph(stored.spec_hash)
-    grown.limited({name: stored.constants[constant] for name, constant in CONSTANTS.items()})
+    grown.limited({name: stored.constants[constant] for name, constant in LIMITS.items()})
     refused = 0
     for n, state in enumerate(stored.states[::40]):
         there = stored.state_index[state]

@@ -39,8 +39,7 @@ class GrowingGraph(Oracle):
 
     def limited(self, parameters: Mapping[str, int]) -> None:
         """Forget everything, and answer with these limits from now on."""
-        names = ("MaxRounds", "MaxParticipants", "OutboxLimit", "MemoryLimit")
-        self.constants = {c: parameters[n] for c, n in zip(names, LIMITS, strict=True)}
+        self.constants = {constant: parameters[name] for name, constant in LIMITS.items()}
         self._station = Station(*self.constants.values())
         self.states: list[State] = []
         self.inputs: list[Input] = []

@@ -15,6 +15,7 @@ from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import ORACLES, TLA
 from automcm_spec.vocabulary.json_forms import Json, canonical
+from automcm_spec.vocabulary.parameters import LIMITS
 
 MODULES = ("Station", "OpenStation")
 """The modules that an oracle depends on."""
@@ -42,10 +43,7 @@ class Graph:
     def constants(self) -> dict[str, Json]:
         """The constants of OpenStation."""
         return {
-            "MaxRounds": self.max_rounds,
-            "MaxParticipants": self.max_participants,
-            "OutboxLimit": self.outbox_limit,
-            "MemoryLimit": self.memory_limit,
+            **{constant: getattr(self, name) for name, constant in LIMITS.items()},
             "Peers": list(self.peers),
             "OwnSessions": list(range(1, self.own_sessions + 1)),
             "PeerSessions": list(range(1, self.peer_sessions + 1)),

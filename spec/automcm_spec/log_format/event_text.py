@@ -23,7 +23,7 @@ from automcm_spec.log_format.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.messages import Fields, session_in
 
 Kind = Literal["send", "receive", "timer", "command", "indication", "restart", "note", "phase"]
 
@@ -141,17 +141,13 @@ def session_of(event: Event) -> tuple[int, int] | None:
             value = list(about.session) if about is not None else None
         case ApplicationCommand(command=named) | ApplicationIndication(indication=named):
             value = (named.model_extra or {}).get("session")
-    return (value[0], value[1]) if _is_session(value) else None
-
-
-def _is_session(value: object) -> bool:
-    return isinstance(value, (list, tuple)) and [type(part) for part in value] == [int, int]
+    return session_in(value)
 
 
 def _plain(value: object) -> str:
     """A field value as text; it may have any type, because a log may contain malformed messages."""
-    if isinstance(value, (list, tuple)) and _is_session(value):
-        return f"{value[0]}/{value[1]}"
+    if (session := session_in(value)) is not None:
+        return f"{session[0]}/{session[1]}"
     if isinstance(value, (dict, list)):
         return "{..}" if isinstance(value, dict) else "[..]"
     return str(value)

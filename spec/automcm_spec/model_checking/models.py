@@ -19,6 +19,7 @@ from pydantic import (
 
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import files, scratch
+from automcm_spec.support.bad_input import errors_of
 from automcm_spec.support.paths import MODELS, TLA
 
 LIST = "models.toml"
@@ -240,10 +241,7 @@ def _model(name: str, entry: Any, table: Mapping[str, Any], files: Mapping[str, 
         found = Model.model_validate(given | {"cfg": name, "config": files[base]})
         return found.model_copy(update={"config": _config(found)})
     except ValidationError as error:
-        faults = "; ".join(
-            ".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"]
-            for e in error.errors()
-        )
+        faults = "; ".join(": ".join(filter(None, each)) for each in errors_of(error))
         raise ModelError(f"{where}: {faults}") from error
     except ValueError as error:
         raise ModelError(f"{where}: {error}") from error

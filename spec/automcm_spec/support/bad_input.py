@@ -1,6 +1,12 @@
 """Errors in input files, and how messages name their place."""
 
+from __future__ import annotations
+
 from pathlib import Path, PosixPath
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class SpooledInput(PosixPath):
@@ -45,6 +51,12 @@ def name_of(path: str | Path) -> str:
 def at_line(file: str, line: int) -> str:
     """FILE:LINE, or only the file if the line is 0."""
     return f"{file}:{line}" if line else file
+
+
+def errors_of(error: ValidationError) -> list[tuple[str, str]]:
+    """Each error of pydantic: the path of the field, such as ``vectors.3.id``, and the problem."""
+    found = error.errors(include_url=False, include_input=False)
+    return [(".".join(map(str, each["loc"])), each["msg"]) for each in found]
 
 
 def printable(text: str, keep: str = "") -> str:

@@ -348,6 +348,14 @@ def required(fields: Fields) -> list[str]:
     return next((sorted(_REQUIRED[m]) for m in _MODELS if m.__name__ == type_), [])
 
 
+def session_in(value: object) -> tuple[int, int] | None:
+    """The session that a field of a message names, which may be malformed; None if it is none."""
+    match value:
+        case [p, number] if type(p) is int and type(number) is int:
+            return p, number
+    return None
+
+
 def from_dict(fields: dict[str, Any]) -> Message | Cam:
     """The message with these fields, as Python values. Raises MessageError like ``decode``."""
     try:

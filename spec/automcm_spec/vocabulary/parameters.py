@@ -96,8 +96,8 @@ DERIVED: Final[dict[str, Formula]] = {
     row.name: row.metadata["formula"] for row in fields(Parameters) if not row.init
 }
 UNITS: Final[dict[str, Unit]] = {row.name: row.metadata["unit"] for row in fields(Parameters)}
-LIMITS: Final = tuple(name for name, unit in UNITS.items() if unit == "count")
-"""The parameters that the rules use: the constants of Station.tla, in its order."""
+LIMITS: Final = {n: n.title().replace("_", "") for n, unit in UNITS.items() if unit == "count"}
+"""The parameters that the rules use, with the constants of Station.tla, in its order."""
 IN_HEADER: Final = tuple(n for n in UNITS if n not in ("t_cam", "backoff_min", "backoff_max"))
 """The parameters that the header of a log may contain."""
 

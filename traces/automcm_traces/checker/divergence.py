@@ -118,7 +118,7 @@ class Question:
             self._given |= {} if value is None else {name: value}
         if isinstance(given, Ack):  # an unlogged Ack names nothing
             self._given |= {"of": f"{given.of.type} seq={given.of.seq}", "of[2]": given.of.seq}
-        self._station = Station(track.max_rounds, *track.limits)
+        self._station = Station(*track.limits)
 
     def nearest(self, i: Input, wanted: Action) -> str:
         """How this input could have led to the wanted action; empty if it never does."""

@@ -28,7 +28,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import Cam, Fields, Prescription
-from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, durations, lease_lasts, rank
+from automcm_spec.vocabulary.parameters import durations, lease_lasts, rank
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station
 from automcm_traces.checker.compared import wrongly_told
@@ -39,7 +39,6 @@ from automcm_traces.checker.track import (
     UNBOUND,
     CannotTell,
     InputStep,
-    MemoryLimits,
     Quarantine,
     SpecInput,
     Track,
@@ -49,6 +48,7 @@ from automcm_traces.checker.track import (
     difference,
     expected,
     expired,
+    limits_of,
     marked_and_newer,
     match,
     mismatch,
@@ -119,10 +119,9 @@ class Engine:
         self._clock_drift = p.get("clock_drift", 0)
         self.promised = frozenset(header.complete)
         self._late_ms = header.longest_delay if late_ms is None else late_ms
-        rounds, *limits = (p.get(name, DEFAULTS[name]) for name in LIMITS)
         resend = header.t_resend, self._clock_drift
-        self.track = Track(header.station, rounds, MemoryLimits(*limits), *resend)
-        self._specification = specification(self.track.max_rounds, *limits)
+        self.track = Track(header.station, limits_of(p), *resend)
+        self._specification = specification(*self.track.limits)
         self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
         """The time of the last event other than a CAM; unobserved inputs happened later."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import islice
 from typing import TypeAlias
 
@@ -30,38 +30,6 @@ AFTER = 200
 """The number of events kept after a divergence."""
 
 
-@dataclass(slots=True)
-class Ending:
-    """Where and how the check of a log ended."""
-
-    unpromised: tuple[str, ...]
-    """The kinds of ``NEEDED`` that the log does not promise; if there are any, no step is
-    certain."""
-    finding: Finding = NOTHING_WRONG
-    diverges: Diverges | None = None
-    decided: bool = False
-    """Whether the check reached the end of the log or a divergence."""
-    engine: Follower | None = None
-    events: int = 0
-    recent: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=RECENT))
-    """The last events, with their lines."""
-    after: list[tuple[int, Event]] = field(default_factory=list)
-    """The first ``AFTER`` events after a divergence, with their lines."""
-    end: bool = False
-    """Whether the log has an end record."""
-    crashed: bool = False
-    """Whether the end record is missing or reports a crash."""
-    lost: int = 0
-    """The number of records that the log reports as lost."""
-    judged_from: int = 0
-    """The line of the first event that was judged, in a log that begins in mid-session; else 0."""
-
-    @property
-    def line(self) -> int:
-        """The line of the last event; 0 if there is none."""
-        return self.recent[-1][0] if self.recent else 0
-
-
 class Watcher:
     """Watches the check of a log. It gets steps only from logs that promise all of ``NEEDED``."""
 
@@ -71,7 +39,7 @@ class Watcher:
     def step(self, step: InputStep, track: Track) -> None:
         """Called after each complete step."""
 
-    def ended(self, ending: Ending) -> None:
+    def ended(self, check: Check) -> None:
         """Called at the end."""
 
 
@@ -82,7 +50,7 @@ def follow(
     *,
     events: Iterable[tuple[int, Event]] | None = None,
     one: bool = False,
-) -> Ending:
+) -> Check:
     """Check a log. Of a LogStream, only the last events are kept in memory.
 
     ``late_ms`` is as for ``Engine``. ``events`` replaces the events of the log. With ``one``, a
@@ -90,20 +58,13 @@ def follow(
     allow an event, the check ends without a verdict.
     """
     check = Check(log, late_ms, watchers, one=one)
-    events = iter(log if events is None else events)
-    try:
-        for at, event in events:
-            check.feed(at, event)
-            if check.over:
-                break
-    except BadInput as error:
-        check.stop(unreadable(error))
-    check.ending.after = _read_to_the_end(log, events)
-    return check.end()
+    check.read(log if events is None else events)
+    return check
 
 
 class Check:
-    """A check of one log in progress: ``feed`` it the events in order, then ``end`` it.
+    """The check of one log: ``feed`` it the events in order, then ``end`` it; or let it ``read``
+    all.
 
     The arguments are those of ``follow``.
     """
@@ -116,38 +77,75 @@ class Check:
         *,
         one: bool = False,
     ) -> None:
-        self._log, self._watchers, self._one = log, watchers, one
+        self.log, self._watchers, self._one = log, watchers, one
         self._start = LogStart(log.header, late_ms)
         header = log.header
-        missing = tuple(kind for kind in NEEDED if kind not in header.complete)
-        self.ending = Ending(missing)
+        self.unpromised = tuple(kind for kind in NEEDED if kind not in header.complete)
+        """The kinds of ``NEEDED`` that the log does not promise; if there are any, no step is
+        certain."""
+        self.finding = NOTHING_WRONG
+        self.diverges: Diverges | None = None
+        self.decided = False
+        """Whether the check reached the end of the log or a divergence."""
+        self.engine: Follower | None = None
+        self.events = 0
+        self.recent: deque[tuple[int, Event]] = deque(maxlen=RECENT)
+        """The last events, with their lines."""
+        self.after: list[tuple[int, Event]] = []
+        """The first ``AFTER`` events after a divergence, with their lines."""
+        self.judged_from = 0
+        """The line of the first event that was judged, in a log that begins in mid-session; else
+        0."""
         try:
-            if one or not missing:
+            if one or not self.unpromised:
                 engine = Engine(header, late_ms)
-                engine.observer = self._after
-                self.ending.engine = engine
+                engine.observer = self._step
+                self.engine = engine
             else:
-                self.ending.engine = Possible(header, late_ms)
+                self.engine = Possible(header, late_ms)
         except CannotTell as error:
             self._refused(error)
 
     @property
+    def line(self) -> int:
+        """The line of the last event; 0 if there is none."""
+        return self.recent[-1][0] if self.recent else 0
+
+    @property
+    def lost(self) -> int:
+        """The number of records that the log reports as lost."""
+        return 0 if self.log.end is None else self.log.end.lost_records
+
+    @property
     def over(self) -> bool:
         """Whether further events change nothing."""
-        return self.ending.finding.kind != "nothing"
+        return self.finding.kind != "nothing"
+
+    def read(self, events: Iterable[tuple[int, Event]]) -> None:
+        """Feed all events, and end."""
+        events = iter(events)
+        try:
+            for at, event in events:
+                self.feed(at, event)
+                if self.over:
+                    break
+        except BadInput as error:
+            self.stop(unreadable(error))
+        self.after = _read_to_the_end(self.log, events)
+        self.end()
 
     def feed(self, at: int, event: Event) -> None:
         """Check the next event, unless the check is over."""
-        ending, engine = self.ending, self.ending.engine
+        engine = self.engine
         if engine is None or self.over:
             return
-        if self._log.mid_session and not ending.judged_from:
+        if self.log.mid_session and not self.judged_from:
             if not self._start.known_before(event):
                 return
-            ending.judged_from, engine.since_ms = at, self._start.since_ms or 0
-        ending.events += 1
-        ending.recent.append((at, event))
-        if ending.judged_from and self._start.is_left_over(event, engine.timers):
+            self.judged_from, engine.since_ms = at, self._start.since_ms or 0
+        self.events += 1
+        self.recent.append((at, event))
+        if self.judged_from and self._start.is_left_over(event, engine.timers):
             return
         try:
             engine.feed(at, event)
@@ -160,64 +158,58 @@ class Check:
     def stop(self, finding: Finding) -> None:
         """End the check with a finding about the log, unless it is over."""
         if not self.over:
-            self.ending.finding = finding
+            self.finding = finding
 
-    def end(self) -> Ending:
-        """The result, after the last event of the log."""
-        ending, log = self.ending, self._log
+    def end(self) -> None:
+        """Take note that the log has no further event."""
         if not self.over:
             try:
                 self._finish()
             except (Diverges, CannotTell) as error:
                 self._refused(error)
-        ending.end = log.end is not None
-        ending.crashed = log.end is None or log.end.reason == "crash"
-        ending.lost = 0 if log.end is None else log.end.lost_records
-        if ending.lost and ending.finding.kind not in ("cannot_tell", "unreadable"):
-            but = f"; apart from that: {ending.finding.observed}" if ending.diverges else ""
-            text = f"the log lost {ending.lost} records{but}"
-            where = ending.finding.at._replace(file=log.file)
-            ending.finding = replace(ending.finding, kind="cannot_tell", at=where, observed=text)
+        if self.lost and self.finding.kind not in ("cannot_tell", "unreadable"):
+            but = f"; apart from that: {self.finding.observed}" if self.diverges else ""
+            text = f"the log lost {self.lost} records{but}"
+            where = self.finding.at._replace(file=self.log.file)
+            self.finding = replace(self.finding, kind="cannot_tell", at=where, observed=text)
         for watcher in self._watchers:
-            watcher.ended(ending)
-        return ending
+            watcher.ended(self)
 
     def _finish(self) -> None:
         """Check that no effect is missing at the end."""
-        ending, engine, log = self.ending, self.ending.engine, self._log
-        if log.mid_session and not ending.judged_from:
+        engine, log = self.engine, self.log
+        if log.mid_session and not self.judged_from:
             raise CannotTell(f"{MID_SESSION}, and at no event the state of the station is known")
         if isinstance(log, LogStream) and log.gap is not None:
             line, missing = log.gap
             text = f"records are missing before this line: {missing}"
-            ending.finding = cannot_tell(log.file, line, text)
+            self.finding = cannot_tell(log.file, line, text)
         elif engine is not None and log.ended:
             engine.finish()
         elif isinstance(engine, Engine):
             with suppress(Diverges, CannotTell):  # effects of the last input may be missing
                 engine.finish()
-        if ending.judged_from and not self.over:
-            text = f"{MID_SESSION}; it is allowed from line {ending.judged_from} on"
-            ending.finding = cannot_tell(log.file, ending.judged_from, text)
-        ending.decided = not self.over
+        if self.judged_from and not self.over:
+            text = f"{MID_SESSION}; it is allowed from line {self.judged_from} on"
+            self.finding = cannot_tell(log.file, self.judged_from, text)
+        self.decided = not self.over
 
-    def _after(self, step: InputStep, track: Track) -> None:
+    def _step(self, step: InputStep, track: Track) -> None:
         for watcher in self._watchers:
             watcher.step(step, track)
 
     def _refused(self, error: Diverges | CannotTell) -> None:
-        ending = self.ending
         if isinstance(error, CannotTell):
-            ending.finding = cannot_tell(self._log.file, ending.line or 1, str(error))
+            self.finding = cannot_tell(self.log.file, self.line or 1, str(error))
             return
-        at = error.finding.at._replace(file=self._log.file)
-        observed = error.finding.observed + _late(*ending.recent[-1])
-        if self._one and ending.unpromised:  # unlogged events may have led there
-            lacks = f"the log does not promise {', '.join(ending.unpromised)}"
-            ending.finding = cannot_tell(at.file, at.line, f"{observed}; {lacks}")
+        at = error.finding.at._replace(file=self.log.file)
+        observed = error.finding.observed + _late(*self.recent[-1])
+        if self._one and self.unpromised:  # unlogged events may have led there
+            lacks = f"the log does not promise {', '.join(self.unpromised)}"
+            self.finding = cannot_tell(at.file, at.line, f"{observed}; {lacks}")
             return
-        ending.diverges, ending.decided = error, True
-        ending.finding = replace(error.finding, at=at, observed=observed)
+        self.diverges, self.decided = error, True
+        self.finding = replace(error.finding, at=at, observed=observed)
 
 
 def _late(line: int, event: Event) -> str:

@@ -30,7 +30,7 @@ from automcm_spec.vocabulary.station import (
     Session,
     State,
 )
-from automcm_traces.checker.track import NUMBERED, UNBOUND, Track
+from automcm_traces.checker.track import NUMBERED, UNBOUND, Limits, Track
 
 AHEAD = 3
 """The maximum difference between the proposal of an unlogged Prescription and the last proposal."""
@@ -45,7 +45,7 @@ class Alphabet(OpenStation):
 
     def __init__(
         self,
-        limits: tuple[int, int, int, int],
+        limits: Limits,
         me: int,
         peers: Collection[int],
         sessions: Collection[Session],
@@ -109,8 +109,7 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
     joined = dict(st.joined)
     sessions |= {(p, joined.get(p, 0) + 1) for p in peers}
     proposals = {max(st.proposal, 1), st.proposal + 1, *(e.k for e in track.outbox)}
-    limits = track.max_rounds, *track.limits
-    found = Alphabet(limits, track.me, peers, sessions, proposals)
+    found = Alphabet(track.limits, track.me, peers, sessions, proposals)
     return [*found.expiries(st), *found.proper, *found.broken]
 
 
@@ -135,7 +134,7 @@ def answers(t: Track, event: Event) -> tuple[InputAnswer, ...]:
     proposals |= {*range(max(st.proposal - 1, 1), st.proposal + AHEAD + 1)}
     proposals |= {e.seq for e in st.outbox if e.type in NUMBERED}
     about = frozenset(peers - {0, t.me}), frozenset(sessions - {UNBOUND}), frozenset(proposals)
-    return _answers((t.max_rounds, *t.limits), t.me, *about, st)
+    return _answers(t.limits, t.me, *about, st)
 
 
 @lru_cache(maxsize=2_000)

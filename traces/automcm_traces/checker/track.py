@@ -35,7 +35,7 @@ from automcm_spec.vocabulary.messages import (
     same,
     to_dict,
 )
-from automcm_spec.vocabulary.parameters import DEFAULTS, cam_lead
+from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, Known, cam_lead
 from automcm_spec.vocabulary.rules import RULES, handler, line
 from automcm_spec.vocabulary.station import Input, State, Station
 
@@ -45,7 +45,6 @@ CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms"
 """The fields of messages that the application gives and the station only carries."""
 REASONS = ("none", *ANSWER_REASONS)
 """The reasons that the specification distinguishes; it passes on all others unchanged."""
-ROUNDS = DEFAULTS["max_rounds"]
 UNBOUND = (0, 0)
 """The session of a station that is in no session."""
 
@@ -71,14 +70,6 @@ class OutboxEntry:
         return spec.Entry(self.type, self.to, self.session, self.k, accepted)
 
 
-class MemoryLimits(NamedTuple):
-    """The limits on a station's memory (MEM-1)."""
-
-    participants: int = DEFAULTS["max_participants"]
-    outbox: int = DEFAULTS["outbox_limit"]
-    memory: int = DEFAULTS["memory_limit"]
-
-
 class Quarantine(NamedTuple):
     """Why and since when a station is in quarantine."""
 
@@ -89,8 +80,18 @@ class Quarantine(NamedTuple):
     lasts_ms: int | None
 
 
-DEFAULT_LIMITS = MemoryLimits()
-_STATION = Station(ROUNDS, *DEFAULT_LIMITS)
+Limits = tuple[int, int, int, int]
+"""The values of LIMITS."""
+
+
+def limits_of(known: Known) -> Limits:
+    """The limits among these parameters, by default those of the protocol."""
+    rounds, participants, outbox, memory = (known.get(name, DEFAULTS[name]) for name in LIMITS)
+    return rounds, participants, outbox, memory
+
+
+DEFAULT_LIMITS = limits_of({})
+_STATION = Station(*DEFAULT_LIMITS)
 INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
 
@@ -100,8 +101,7 @@ class Track:
     """The known state of a station: the specification's state with real ids and message content."""
 
     me: int
-    max_rounds: int = ROUNDS
-    limits: MemoryLimits = DEFAULT_LIMITS
+    limits: Limits = DEFAULT_LIMITS
     t_resend: int = DEFAULTS["t_resend"]
     clock_drift: int = 0
     state: State = INITIAL

@@ -23,7 +23,7 @@ from automcm_spec.vocabulary.reachable_steps import steps
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
 from automcm_traces.checker.finding import Finding, unreadable
-from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
+from automcm_traces.checker.follow import Check, Follower, Watcher, follow
 from automcm_traces.checker.track import INITIAL, InputStep, Track
 
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
@@ -94,9 +94,9 @@ class LogCoverage:
         except BadInput as error:
             self._problem(unreadable(error), 0)
             return
-        ending = follow(stream, late_ms, [_Counter(self)], one=True)
-        if ending.finding.kind != "nothing":
-            self._problem(ending.finding, ending.line)
+        check = follow(stream, late_ms, [_Counter(self)], one=True)
+        if check.finding.kind != "nothing":
+            self._problem(check.finding, check.line)
 
     def _problem(self, found: Finding, last: int) -> None:
         what: Problem = "diverges"
@@ -107,7 +107,7 @@ class LogCoverage:
 
     def count(self, track: Track, st: State, i: Input | None) -> None:
         """Count a query to the specification."""
-        self._pending[track.me, (track.max_rounds, *track.limits), st, i] += 1
+        self._pending[track.me, track.limits, st, i] += 1
         if len(self._pending) >= REMEMBERED:
             self._evaluate()
 
@@ -165,10 +165,10 @@ class _Counter(Watcher):
         if isinstance(event, Send) and event.is_cam:
             self._c.count(engine.track, engine.track.state, None)
 
-    def ended(self, ending: Ending) -> None:
-        self._c.events += ending.events
-        if ending.events > self._events:  # the event that was not allowed
-            self._message(ending.recent[-1][1])
+    def ended(self, check: Check) -> None:
+        self._c.events += check.events
+        if check.events > self._events:  # the event that was not allowed
+            self._message(check.recent[-1][1])
 
     def _message(self, event: Event) -> None:
         self._events += 1

@@ -29,7 +29,7 @@ from automcm_traces.checker.finding import (
     cannot_tell,
     unreadable,
 )
-from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
+from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import InputStep, Track
@@ -193,50 +193,55 @@ def explain(
     events: Iterable[tuple[int, Event]] | None = None,
 ) -> Verdict:
     """The verdict on one log. The arguments are those of ``follow``."""
-    noted = Noted(log)
-    return noted.verdict(follow(log, late_ms, [*noted.watchers, *watchers], events=events))
+    check = VerdictCheck(log, late_ms, watchers)
+    check.read(log if events is None else events)
+    return check.verdict()
 
 
-class Noted:
-    """What a verdict says besides the result of the check, noted by watchers of the check."""
+class VerdictCheck(Check):
+    """A check that also notes what a verdict says besides its result."""
 
-    def __init__(self, log: Log | LogStream, most: int = MOST) -> None:
+    def __init__(
+        self,
+        log: Log | LogStream,
+        late_ms: int | None = None,
+        watchers: Sequence[Watcher] = (),
+        most: int = MOST,
+    ) -> None:
         """``most`` is the maximum number of sessions kept."""
-        self._log = log
         self._sessions, self._hints = OwnSessions(most), Hints(log.header)
         self._rejections = Rejections()
-
-    @property
-    def watchers(self) -> list[Watcher]:
-        """The watchers that the check must have."""
-        return [self._sessions, self._hints, self._rejections]
+        noted = (self._sessions, self._hints, self._rejections)
+        super().__init__(log, late_ms, [*noted, *watchers])
 
     @property
     def first_ms(self) -> int | None:
-        """The time of the first event."""
+        """The time of the first event; None if there is none."""
+        if self._sessions.first_ms is None and self.recent:
+            return self.recent[0][1].t_ms
         return self._sessions.first_ms
 
-    def verdict(self, ending: Ending) -> Verdict:
+    def verdict(self) -> Verdict:
         """The verdict after the check."""
-        log, sessions = self._log, self._sessions
-        found, engine, diverges = ending.finding, ending.engine, ending.diverges
-        if not ending.events and found.kind == "nothing":
+        log, sessions = self.log, self._sessions
+        found, engine, diverges = self.finding, self.engine, self.diverges
+        if not self.events and found.kind == "nothing":
             found = cannot_tell(log.file, 0, "the log contains no events")
         if diverges is not None and engine is not None:
             found = replace(found, why=why(diverges, engine.track))
         verdict = Verdict(
             log.file,
             found,
-            events=ending.events,
+            events=self.events,
             warnings=tuple(log.warnings),
             unobserved=tuple(log.header.unobserved),
             header=log.header,
-            first_ms=_first_ms(ending, sessions),
-            judged_from=ending.judged_from,
-            hint="; ".join(filter(None, (self._hints.hint(ending), self._rejections.hint()))),
+            first_ms=self.first_ms,
+            judged_from=self.judged_from,
+            hint="; ".join(filter(None, (self._hints.hint(self), self._rejections.hint()))),
             rejected=ordered(self._rejections.reasons),
         )
-        if engine is None or not ending.decided:
+        if engine is None or not self.decided:
             return verdict
         if isinstance(engine, Possible):
             only_if = () if diverges else engine.only_if
@@ -245,15 +250,9 @@ class Noted:
             verdict,
             sessions=tuple(sessions.kept),
             number_of_sessions=sessions.number,
-            recent=tuple(ending.recent) if diverges else (),
-            seen=ending.line if diverges else 0,
+            recent=tuple(self.recent) if diverges else (),
+            seen=self.line if diverges else 0,
         )
-
-
-def _first_ms(ending: Ending, sessions: OwnSessions) -> int | None:
-    if sessions.first_ms is None and ending.recent:
-        return ending.recent[0][1].t_ms
-    return sessions.first_ms
 
 
 def forged(logs: Sequence[Log]) -> dict[str, Finding]:

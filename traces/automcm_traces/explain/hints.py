@@ -28,7 +28,7 @@ from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.station import Station
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges, Seen
-from automcm_traces.checker.follow import Ending, Follower, Watcher
+from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.log_start import OPENING, shows_standalone
 from automcm_traces.checker.track import CannotTell, Track, received
 
@@ -80,23 +80,23 @@ class Hints(Watcher):
             self._gaps_ms = sorted((gap, self._gaps_ms[1])) if self._last_ms >= 0 else [0, 0]
         self._last_ms = t_ms
 
-    def hint(self, ending: Ending) -> str:
+    def hint(self, check: Check) -> str:
         """The hints on what was found, as one text; empty if there are none."""
-        return "; ".join(filter(None, (self._again, self._about(ending))))
+        return "; ".join(filter(None, (self._again, self._about(check))))
 
-    def _about(self, ending: Ending) -> str:
-        d, engine = ending.diverges, ending.engine
+    def _about(self, check: Check) -> str:
+        d, engine = check.diverges, check.engine
         if d is None or engine is None:
             return ""
-        if not self._begun and not ending.judged_from and _in_a_session(d, engine.track):
+        if not self._begun and not check.judged_from and _in_a_session(d, engine.track):
             mark = 'its header needs "begins": "running"'
             return f"does the log begin in mid-session? Then {mark}"
-        if planned := self._planned(d.seen, ending.recent[-1][1], engine.track):
+        if planned := self._planned(d.seen, check.recent[-1][1], engine.track):
             return planned
         if _about_cams(d) and "receive" in self._header.complete and not self._cam_received:
             drop = "`complete` must not have receive"
             return f"the log has no received CAM: if it does not record CAMs, {drop}"
-        if d.finding.kind == "overdue" and (step_ms := self._clock_step(ending, engine)):
+        if d.finding.kind == "overdue" and (step_ms := self._clock_step(check, engine)):
             return f"did the clock jump by {step_ms:,} ms?"
         return ""
 
@@ -113,21 +113,21 @@ class Hints(Watcher):
         if event is None or m is None or isinstance(m, list | Cam):
             return ""
         concerned = received(track, event.model_copy(update={"planned": {}}), m).value
-        outcome = Station(track.max_rounds, *track.limits).step(track.me, track.state, concerned)
+        outcome = Station(*track.limits).step(track.me, track.state, concerned)
         if not any(out.type == "Intention" for out in outcome.out):
             return ""
         where = f"the Advertisement of session {m.session[0]}/{m.session[1]}"
         return f"{where} has no `planned`: with it, it concerns the application (ADV-3)"
 
-    def _clock_step(self, ending: Ending, engine: Follower) -> int:
+    def _clock_step(self, check: Check, engine: Follower) -> int:
         """By how much the clock must have stepped before the last event for the events from there
         on to be allowed; 0 if no step explains them, or if nothing else speaks for one."""
-        at, event = ending.recent[-1]
+        at, event = check.recent[-1]
         if event.late_ms is not None:
             return 0
         self._time(event.t_ms)
         other_ms, silence_ms = self._gaps_ms
-        after = [(at, event), *ending.after]
+        after = [(at, event), *check.after]
         for later in after:
             self._own_cam(later[1])
         shifted, by_cams = _shifted_timers(engine, after), self._by_cams

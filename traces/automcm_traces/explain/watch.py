@@ -16,9 +16,8 @@ from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
 from automcm_spec.log_format.reader import GrowingLog, LogStream
 from automcm_spec.support.bad_input import BadInput, name_of, printable
 from automcm_traces.checker.finding import unreadable
-from automcm_traces.checker.follow import Check
 from automcm_traces.explain import explain
-from automcm_traces.explain.explain import Noted, Verdict
+from automcm_traces.explain.explain import Verdict, VerdictCheck
 from automcm_traces.system.properties import SystemReport
 
 What = Literal["begun", "note", "waiting", "verdict", "together", "end"]
@@ -47,14 +46,13 @@ class WatchedLog:
         """The verdict, once the log is over."""
         self._late_ms = late_ms
         self._entries = GrowingLog(file, lines)
-        self._noted: Noted | None = None
         self._log: LogStream | None = None
-        self._check: Check | None = None
+        self._check: VerdictCheck | None = None
 
     @property
     def first_ms(self) -> int | None:
         """The time of the first event."""
-        return None if self._noted is None else self._noted.first_ms
+        return None if self._check is None else self._check.first_ms
 
     def begin(self) -> LogStream | None:
         """The log, when its header has come for the first time."""
@@ -67,8 +65,7 @@ class WatchedLog:
         except BadInput as error:
             self.verdict = Verdict(self.file, unreadable(error))
             return None
-        self._noted = Noted(self._log, explain.SESSIONS)
-        self._check = Check(self._log, self._late_ms, self._noted.watchers)
+        self._check = VerdictCheck(self._log, self._late_ms, most=explain.SESSIONS)
         return self._log
 
     def read(self) -> None:
@@ -102,9 +99,9 @@ class WatchedLog:
         if self._check is not None and self.verdict is None:
             self._end(self._check)
 
-    def _end(self, check: Check) -> None:
-        assert self._noted is not None, "the check has begun"
-        self.verdict = self._noted.verdict(check.end())
+    def _end(self, check: VerdictCheck) -> None:
+        check.end()
+        self.verdict = check.verdict()
 
 
 class Watch:

@@ -196,13 +196,13 @@ def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:
     automcm_traces.checker.track.CannotTell.
     """
     watcher = _Steps(log)
-    ending = follow(log, watchers=[watcher], one=True)
-    if not ending.decided:
-        found = ending.finding
+    check = follow(log, watchers=[watcher], one=True)
+    if not check.decided:
+        found = check.finding
         raise CannotTell(f"{at_line(log.file, found.at.line)}: {found.observed}")
     divergence = ""
-    if ending.diverges is not None:
-        found = ending.diverges.finding
+    if check.diverges is not None:
+        found = check.diverges.finding
         divergence = f" It diverges at line {found.at.line}: {found.observed}."
     watcher.add_messages(arrows)
     about = {

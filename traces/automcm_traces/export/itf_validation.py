@@ -8,6 +8,7 @@ from typing import Annotated, Any, NotRequired
 from pydantic import ConfigDict, Field, Strict, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
+from automcm_spec.support.bad_input import errors_of
 from automcm_traces.export.itf import ItfError, ItfState
 
 Json = Any
@@ -97,8 +98,7 @@ def _checked(index: int, state: ItfState) -> dict[str, Json]:
     try:
         _STATE.validate_python(given)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise _refused(index, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise _refused(index, ": ".join(errors_of(error)[0])) from None
     return given
 
 

@@ -14,7 +14,7 @@ from automcm_spec.log_format.log import Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_session
-from automcm_traces.system.timeline import Moment, Period, Session, Timeline
+from automcm_traces.system.timeline import Moment, Period, Session, Timeline, key_of
 from automcm_traces.system.world import World
 
 Checked = tuple[bool | None, str]
@@ -63,7 +63,7 @@ def sendings(log: Log) -> Iterator[Checked]:
         m = e.message
         if m["type"] not in RELIABLE or not m.get("seq"):
             continue
-        key = f"{m['type']} seq={m['seq']} session={m.get('session')} to {m.get('dst')}"
+        key = key_of(m)
         if timed or key not in count:
             count[key] += 1
             yield count[key] <= most, f"{log.file}:{line}: {key}, sent {count[key]} times of {most}"

@@ -16,10 +16,10 @@ from typing import Literal
 
 from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
-from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_spec.vocabulary.parameters import DEFAULTS
 from automcm_traces.system.log_clocks import Span
-from automcm_traces.system.timeline import Period, Session, Timeline, session_of
+from automcm_traces.system.timeline import Period, Session, Timeline
 from automcm_traces.system.world import World
 
 EXCUSES = {
@@ -326,7 +326,7 @@ def _prescribed(world: World, acts: Period, target: int) -> int:
     none."""
     for at, (_, e) in enumerate(world.log(target).events):
         m: Fields = (isinstance(e, Receive) and e.message) or {}
-        what = m.get("type"), session_of(m), m.get("proposal")
+        what = m.get("type"), session_in(m.get("session")), m.get("proposal")
         if what == ("Prescription", acts.session, acts.start.proposal):
             return at
     return -1

@@ -12,10 +12,10 @@ from typing import Literal
 
 from automcm_spec.log_format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log, LogStream
-from automcm_spec.vocabulary.messages import Fields, to_dict
+from automcm_spec.vocabulary.messages import Fields, session_in, to_dict
 from automcm_spec.vocabulary.rules import kind
 from automcm_traces.checker.finding import cannot_tell
-from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
+from automcm_traces.checker.follow import Check, Follower, Watcher, follow
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
 
 Session = tuple[int, int]
@@ -115,18 +115,10 @@ class Timeline:
             yield Period(self.station, start, None)
 
 
-def session_of(message: Fields) -> Session | None:
-    """The session that a message names; None if it names none."""
-    match message.get("session"):
-        case [int(prescriber), int(number)]:
-            return prescriber, number
-    return None
-
-
 def key_of(message: Fields) -> str:
     """The key of a reliable message at its sender: addressee, session, type and seq."""
     m = message
-    return f"{m['type']} seq={m['seq']} session={m['session']} to {m['dst']}"
+    return f"{m['type']} seq={m['seq']} session={m.get('session')} to {m.get('dst')}"
 
 
 def timeline(log: Log) -> Timeline:
@@ -164,7 +156,10 @@ class Recorder(Watcher):
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
             sender = event.message.get("src")
-            src, about = sender if isinstance(sender, int) else 0, session_of(event.message)
+            src, about = (
+                sender if isinstance(sender, int) else 0,
+                session_in(event.message.get("session")),
+            )
         cause = kind(step.input)
         acked = [(e.to, key_of(to_dict(e.message))) for e in gone] if cause == "receive Ack" else []
         late = forgot = 0
@@ -194,21 +189,22 @@ class Recorder(Watcher):
             )
         )
 
-    def ended(self, ending: Ending) -> None:
+    def ended(self, check: Check) -> None:
         """Record why the timeline ends."""
-        made, problem, line = self.made, ending.finding, ending.line
-        if ending.unpromised or ending.lost:
-            missing = f"`complete` in its header lacks {', '.join(ending.unpromised)}"
-            why = missing if ending.unpromised else f"it lost {ending.lost} records"
+        made, problem, line = self.made, check.finding, check.line
+        if check.unpromised or check.lost:
+            missing = f"`complete` in its header lacks {', '.join(check.unpromised)}"
+            why = missing if check.unpromised else f"it lost {check.lost} records"
             problem, line = cannot_tell(made.file, 0, why), 0
             made.moments.clear()
         if problem.kind == "cannot_tell":
             made.ending, made.why = "cannot_tell", f"{made.file}:{line}: {problem.observed}"
-        elif ending.diverges is not None:
+        elif check.diverges is not None:
             made.ending, made.why = "diverges", f"{made.file}:{problem.at.line} diverges"
         else:
             made.last = (max(len(self._places) - 1, 0), line, self._t_ms)
-            if ending.crashed:
+            end = check.log.end
+            if end is None or end.reason == "crash":
                 made.ending, made.why = "stopped", f"its log stops at {made.file}:{line}"
             else:
                 made.why = f"its log ends at {made.file}:{line}"

@@ -12,7 +12,7 @@ from automcm_spec.log_format.log import (
     Send,
 )
 from automcm_spec.log_format.reader import Log
-from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_traces.system.delivery import Deliveries, Forged
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.log_merge import Merged
@@ -22,7 +22,6 @@ from automcm_traces.system.timeline import (
     Session,
     Timeline,
     key_of,
-    session_of,
     timeline,
 )
 
@@ -61,7 +60,11 @@ class World:
             found = self._acceptances[station] = {}
             for at, (_, e) in enumerate(self.log(station).events):
                 m: Fields = e.message if isinstance(e, Send) else {}
-                session, dst, proposal = session_of(m), m.get("dst"), m.get("proposal")
+                session, dst, proposal = (
+                    session_in(m.get("session")),
+                    m.get("dst"),
+                    m.get("proposal"),
+                )
                 accepts = m.get("type") == "Acceptance" and m.get("accepted")
                 if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
                     found.setdefault((dst, session, proposal), at)
@@ -73,7 +76,11 @@ class World:
             found = self._leases[station] = {}
             for _, e in self.log(station).events:
                 m: Fields = (isinstance(e, Send | Receive) and e.message) or {}
-                session, proposal, lease = session_of(m), m.get("proposal"), m.get("lease_ms")
+                session, proposal, lease = (
+                    session_in(m.get("session")),
+                    m.get("proposal"),
+                    m.get("lease_ms"),
+                )
                 prescribes = m.get("type") == "Prescription"
                 if prescribes and session and isinstance(proposal, int) and isinstance(lease, int):
                     found.setdefault((session, proposal), lease)

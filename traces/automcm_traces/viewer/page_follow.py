@@ -8,7 +8,7 @@ from automcm_spec.log_format.log import Restart, Timer, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.parameters import durations, lease_lasts
 from automcm_spec.vocabulary.rules import handler, line
-from automcm_traces.checker.follow import Ending, Watcher
+from automcm_traces.checker.follow import Check, Watcher
 from automcm_traces.checker.track import InputStep, Track
 
 KEYFRAME = 100
@@ -104,11 +104,11 @@ class States(Watcher):
         self._leases[step.at] = track.state.role, track.lease_ms
         self._last = now
 
-    def ended(self, ending: Ending) -> None:
+    def ended(self, check: Check) -> None:
         """Record why there are no more states, if so."""
-        found, d = self.found, ending.diverges
-        if ending.unpromised:
-            kinds = ", ".join(sorted(ending.unpromised))
+        found, d = self.found, check.diverges
+        if check.unpromised:
+            kinds = ", ".join(sorted(check.unpromised))
             found.why_not = f"`complete` in the header of the log lacks {kinds}"
         elif d is not None:
             found.why_not = f"the log diverges from the specification at line {d.finding.at.line}"
@@ -118,8 +118,8 @@ class States(Watcher):
             if d.step is not None and new and d.step.at in self._shown:
                 is_keyframe = len(found.steps) % KEYFRAME == 0
                 self._decided(d.step, found.state(len(found.steps) - 1) if is_keyframe else {})
-        elif ending.finding.kind == "cannot_tell":
-            found.why_not = ending.finding.observed
+        elif check.finding.kind == "cannot_tell":
+            found.why_not = check.finding.observed
 
     def _decided(self, step: InputStep, changed: dict[str, object]) -> None:
         """Record a step; the step of a divergence keeps the state before it."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from automcm_spec.log_format.reader import Log
-from automcm_spec.support.bad_input import BadInput
+from automcm_spec.support.bad_input import BadInput, errors_of
 from automcm_traces.system.event_order import Node
 
 Json = Any
@@ -59,9 +59,7 @@ def of(path: Path | None, nodes: Sequence[Node], logs: Sequence[Log]) -> Json:
     except OSError as error:
         raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        field = ".".join(map(str, first["loc"]))
-        raise BadInput(path, 0, field, first["msg"]) from None
+        raise BadInput(path, 0, *errors_of(error)[0]) from None
     times = [logs[i].events[k][1].t_ms for i, k in nodes]
     first_frame = min(times, default=0) // found.every_ms
     last = max(times, default=0) // found.every_ms + 1

@@ -15,13 +15,13 @@ from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Rec
 from automcm_traces.checker import divergence
 from automcm_traces.checker.divergence import Action, Question
 from automcm_traces.checker.input_alphabet import alphabet
-from automcm_traces.checker.track import ROUNDS, MemoryLimits, OutboxEntry, Track
+from automcm_traces.checker.track import DEFAULT_LIMITS, OutboxEntry, Track
 from automcm_traces.explain.explain import text, verdict_of
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 ME, PEER, OTHER = 4711, 815, 1616
 OWN, THEIRS = (ME, 1), (PEER, 7)
-STATION = Station(ROUNDS, *MemoryLimits())
+STATION = Station(*DEFAULT_LIMITS)
 LINES = (TLA / "Station.tla").read_text().splitlines()
 NAMED = ["advertise", "decide", "hold", "answer", "cam", "lease", "quarantine", "backoff"]
 
