@@ -213,7 +213,7 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
         findings = check(command, limit, notify)
     if write_json(json_, [checked.as_dict() for checked in findings]):
         for checked in findings:
-            say(f"{checked.level:>7}  {visible(checked.finding.observed)}")
+            say(f"{checked.level:>7}  {visible(checked.what)}")
             for name in ("sent", "answered"):
                 if text := getattr(checked, name):
                     say(f"{name:>16}  {visible(text, limit=300)}")

@@ -24,7 +24,6 @@ from automcm_conformance.adapter.protocol import (
     read_answer,
     read_hello,
 )
-from automcm_traces.checker.finding import Finding
 
 Level = Literal["error", "warning", "ok"]
 
@@ -47,7 +46,7 @@ class Checked:
     """A check that passed (``ok``) or a mistake, with the command and its answer."""
 
     level: Level
-    finding: Finding
+    what: str
     sent: str = ""
     answered: str = ""
     stderr: list[str] = field(default_factory=list)
@@ -56,7 +55,7 @@ class Checked:
     def as_dict(self) -> dict[str, object]:
         """The object in the output of ``--json``."""
         shown = {"sent": self.sent, "answered": self.answered, "stderr": self.stderr}
-        return {"level": self.level, "what": self.finding.observed, **shown}
+        return {"level": self.level, "what": self.what, **shown}
 
 
 def check(command: Sequence[str], limit_s: float, notify: Callable[[str], None]) -> list[Checked]:
@@ -120,16 +119,14 @@ class _Check:
         except AdapterError as error:
             self._failed = True
             sent = _shown(self._sent[-1]) if self._sent else ""
-            found = Finding("unreadable", observed=str(error))
-            self._findings.append(Checked("error", found, sent, stderr=error.stderr))
+            self._findings.append(Checked("error", str(error), sent, stderr=error.stderr))
         if not self._failed:
-            self._findings.append(Checked("ok", Finding("nothing", observed=what)))
+            self._findings.append(Checked("ok", what))
 
     def _add(self, level: Level, what: str, sent: bytes = b"", answered: bytes = b"") -> None:
         self._failed |= level == "error"
-        found = Finding("format", observed=what)
-        if all(known.finding != found for known in self._findings):
-            self._findings.append(Checked(level, found, _shown(sent), _shown(answered)))
+        if all(known.what != what for known in self._findings):
+            self._findings.append(Checked(level, what, _shown(sent), _shown(answered)))
 
     def _exchange(self, process: Process, line: bytes) -> bytes:
         self._sent.append(line)

@@ -111,7 +111,7 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
     state = oracle.states[pair[0]]
     me = renumbering.station(ME, rename)
     real = renumbering.state(state, rename), renumbering.input_of(value, rename)
-    station = _station(tuple(sorted(_limits(oracle).items())))
+    station = _station(oracle)
     try:
         effect, evaluated = record(station, lambda s: s.decide(me, *real))
     except NoArm:
@@ -130,13 +130,11 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
     return Deciding(rule, place.operator, place.line, guard, as_if)
 
 
-def _limits(oracle: Oracle) -> dict[str, int]:
-    return {constant: oracle.constants[constant] for constant in LIMITS.values()}
+def _station(oracle: Oracle) -> Station:
+    return _with_limits(*(oracle.constants[constant] for constant in LIMITS.values()))
 
 
-@cache
-def _station(limits: tuple[tuple[str, int], ...]) -> Station:
-    return Station(*dict(limits).values())
+_with_limits = cache(Station)
 
 
 def _names(evaluated: Evaluated, rule: str) -> bool:

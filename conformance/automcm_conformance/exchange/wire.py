@@ -14,6 +14,7 @@ from typing import Any, get_args
 from pydantic_core import to_json
 
 from automcm_spec.graph.oracle import OracleAnswer
+from automcm_spec.vocabulary import wire_forms
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, RefusalReason
 from automcm_spec.vocabulary.station import (
     Cam,
@@ -168,6 +169,10 @@ class Wire:
             points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, POINTS - 1)]
         return {"t0": (10 * session[1] + k) % LIMIT, "points": points}
 
+    def station(self, station: int) -> int:
+        """The id of a station."""
+        return self.values.ids[station]
+
     def session(self, s: Session) -> list[int]:
         """A session in real ids. An own session that is not open yet has a later number."""
         if s[0] == ME:
@@ -214,58 +219,50 @@ class Wire:
     def message(self, m: Message, lease_ms: int | None = None) -> dict[str, Json]:
         """A received message with content."""
         if m.type == "Ack":
-            return self._ack(m)
+            about = {"type": m.of[0], "seq": self._acked(m)}
+            return wire_forms.message(self, m, 0, lambda name: about)
         if m not in self._cache or lease_ms is not None:
-            self._cache[m] = self._content(m, lease_ms or LONG_MS + m.proposal)
+            self._cache[m] = self._received(m, lease_ms or LONG_MS + m.proposal)
         return self._cache[m]
 
-    def _content(self, m: Message, lease_ms: int) -> dict[str, Json]:
-        type_, src, dst, session, seq, k, accepted, reason, _ = m
-        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[src]}
-        if dst:
-            out["dst"] = self.values.ids[dst]
-        s = self.session(session)
-        out |= {"session": s, "seq": 0}
-        if seq:
-            first = {"Prescription": 1 + k, "Acceptance": (1 if accepted else 11) + k}
-            out["seq"] = first.get(type_, {"Fin": 30, "Cancel": 40}.get(type_, 1))
-            out["seq"] += 2**40 if self.rich else 0
-        match type_:
-            case "Advertisement":
-                details = RICH_DETAILS if self.rich else {"lane": 2}
-                out |= {"scenario": self.scenario, "details": details}
-            case "Intention":
-                out["planned"] = self.trajectory(s, 0, src)
-            case "Prescription":
-                out |= {"proposal": k, "prescribed": self.trajectory(s, k, 2)}
-                out |= {"hold_ms": HOLD_MS + k, "lease_ms": lease_ms}
-            case "Acceptance":
-                out |= {"proposal": k, "accepted": accepted}
-                if accepted:
-                    out["selected"] = self.trajectory(s, k, 3)
-                else:
-                    out["reason"] = COPY_REASONS[k % 2] if reason == "as_sent" else reason
-            case "Cancel":
-                out["reason"] = "abort" if reason == "as_sent" else reason
-        return out
+    def _received(self, m: Message, lease_ms: int) -> dict[str, Json]:
+        s, k, seq = self.session(m.session), m.proposal, 0
+        if m.seq:
+            first = {"Prescription": 1 + k, "Acceptance": (1 if m.accepted else 11) + k}
+            seq = first.get(m.type, {"Fin": 30, "Cancel": 40}.get(m.type, 1))
+            seq += 2**40 if self.rich else 0
 
-    def _ack(self, m: Message) -> dict[str, Json]:
-        """An Ack. One that acknowledges no outbox entry names a seq that tests the check of
-        END-6."""
-        src, session, (type_, k) = m.src, m.session, m.of
-        seq = 0
-        if k:
-            mine = self.outbox.get((type_, src, session, k))
-            if mine is not None:
-                seq = mine["seq"]
-            elif type_ == "Advertisement":
-                seq = 1
-            else:
-                seq = self._near_miss(self.values.ids[src], self.session(session), type_)
-        out = {"v": 1, "type": "Ack", "src": self.values.ids[src]}
-        if m.dst:
-            out["dst"] = self.values.ids[m.dst]
-        return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
+        def content(name: str) -> Json:
+            match name:
+                case "scenario":
+                    return self.scenario
+                case "details":
+                    return RICH_DETAILS if self.rich else {"lane": 2}
+                case "planned":
+                    return self.trajectory(s, 0, m.src)
+                case "prescribed":
+                    return self.trajectory(s, k, 2)
+                case "selected":
+                    return self.trajectory(s, k, 3)
+                case "reason" if m.reason == "as_sent":
+                    return COPY_REASONS[k % 2] if m.type == "Acceptance" else "abort"
+            plain: Json = {"hold_ms": HOLD_MS + k, "lease_ms": lease_ms, "reason": m.reason}
+            return plain[name]
+
+        return wire_forms.message(self, m, seq, content)
+
+    def _acked(self, m: Message) -> int:
+        """The seq that an Ack names. One that acknowledges no outbox entry names a seq that tests
+        the check of END-6."""
+        type_, k = m.of
+        mine = self.outbox.get((type_, m.src, m.session, k))
+        if not k:
+            return 0
+        if mine is not None:
+            return int(mine["seq"])
+        if type_ == "Advertisement":
+            return 1
+        return self._near_miss(self.values.ids[m.src], self.session(m.session), type_)
 
     def _near_miss(self, src: int, session: list[int], type_: str) -> int:
         """A seq that an Ack of ``src`` for this type must not acknowledge: that of an entry to
@@ -282,36 +279,22 @@ class Wire:
         else:
             last, (generated, received) = self.heard_ms, self.first_cam_ms
             new = max(last + 1, generated + now - received)
-        return {
-            "v": 1,
-            "type": "CAM",
-            "src": self.values.ids[value.src],
-            "generation_ms": new if value.newer else last,
-            "x_mm": 0,
-            "y_mm": 0,
-            "heading_mrad": 0,
-            "speed_mm_s": 8333,
-            "marks": [self.session(s) for s in sorted(value.marks)],
-        }
+        return wire_forms.cam(self, value.src, value.marks, new if value.newer else last)
 
     def _command(self, value: Command, lease_ms: int) -> dict[str, Json]:
-        _, name, session, k, target = value
-        out: dict[str, Json]
-        if name == "request":
-            details = {"lane": 2, "request": len(self.own) + 1} | (
-                RICH_DETAILS if self.rich else {}
-            )
-            out = {"name": name, "scenario": self.scenario, "details": details}
-            return out | ({"planned": self.trajectory([0, 0], 0, 6)} if self.rich else {})
-        s = self.session(session)
-        out = {"name": name, "session": s}
-        if name in ("prescribe", "accept", "refuse"):
-            out["proposal"] = k
-        if name == "prescribe":
-            out |= {"target": self.values.ids[target], "prescribed": self.trajectory(s, k, 4)}
-            out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
-        if name == "accept":
-            out["selected"] = self.trajectory(s, k, 5)
+        details = {"lane": 2, "request": len(self.own) + 1} | (RICH_DETAILS if self.rich else {})
+        plain: Json = {"scenario": self.scenario, "details": details}
+        plain |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
+
+        def content(name: str) -> Json:
+            lane = {"prescribed": 4, "selected": 5}.get(name)
+            if lane is None:
+                return plain[name]
+            return self.trajectory(self.session(value.session), value.proposal, lane)
+
+        out = wire_forms.command(self, value, content)
+        if value.name == "request" and self.rich:
+            out["planned"] = self.trajectory([0, 0], 0, 6)
         return out
 
     # -- answers
@@ -349,31 +332,22 @@ class Wire:
 
     def _sent(self, m: Message) -> dict[str, Json]:
         """A new message, or an answer, of the station."""
-        type_, _, dst, session, seq, k, accepted, reason, _ = m
         given = self.given or {}
-        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[ME]}
-        if dst:
-            out["dst"] = self.values.ids[dst]
-        out |= {"session": self.session(session), "seq": 0}
-        match type_:
-            case "Advertisement":
-                out["session"] = [self.values.ids[ME], None]
-                kept = {"scenario", "details", "planned"} & given.keys()
-                out |= {name: given[name] for name in sorted(kept)}
-            case "Intention":
-                out["planned"] = self.trajectory(out["session"], 0, 1)
-            case "Prescription":
-                names = ("proposal", "prescribed", "hold_ms", "lease_ms")
-                out |= {name: given[name] for name in names}
-            case "Acceptance":
-                out |= {"proposal": k, "accepted": accepted}
-                out |= {"selected": given["selected"]} if accepted else {"reason": reason}
-            case "Cancel":
-                out["reason"] = reason
-            case "Ack":
-                out["of"] = {"type": given["type"], "seq": given["seq"]}
-        if seq:
-            out["seq"] = None
+
+        def content(name: str) -> Json:
+            match name:
+                case "planned":
+                    return self.trajectory(self.session(m.session), 0, 1)
+                case "reason":
+                    return m.reason
+                case "of":
+                    return {"type": given["type"], "seq": given["seq"]}
+            return given[name]
+
+        out = wire_forms.message(self, m, None if m.seq else 0, content)
+        if m.type == "Advertisement":
+            out["session"] = [self.values.ids[ME], None]
+            out |= {"planned": given["planned"]} if "planned" in given else {}
         return out
 
     def _remember(

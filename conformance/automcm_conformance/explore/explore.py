@@ -50,7 +50,7 @@ from automcm_conformance.explore.walks import (
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.suite_run import uncollected
-from automcm_conformance.suite.tally import Fault, finding
+from automcm_conformance.suite.tally import Fault
 from automcm_conformance.suite.verdicts import failure, implementation
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
@@ -422,7 +422,7 @@ class Explorer:
         rule = rule_of(oracle, error)
         unconfirmed = "" if again else NONDETERMINISTIC
         decided = Deciding(rule) if pair is None else deciding(oracle, error, pair)
-        fault = Fault(finding(error, rule, unconfirmed=unconfirmed), error, decided, unconfirmed)
+        fault = Fault(error, decided, unconfirmed=unconfirmed)
         case = each.id(self.seed)
         described = failure(self.runner, case, 1, fault, self._folder)
         rules = [rule] if rule else []

@@ -8,7 +8,7 @@ the station.  The station has its own application, whose choices the kit accepts
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import NoReturn, Protocol, TypeGuard
+from typing import Literal, NoReturn, Protocol, TypeGuard
 
 from pydantic_core import from_json, to_json
 
@@ -21,7 +21,6 @@ from automcm_conformance.suite.scripted import number
 from automcm_conformance.suite.scripts import THEIRS, Script, Wait
 from automcm_spec.vocabulary.messages import MAX_EXTENT_MM, MIN_EXTENT_MM, same
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Timer
-from automcm_traces.checker.finding import Finding, Kind
 
 Received = tuple[int, Object]
 """A message and the time in ms at which it was received."""
@@ -48,8 +47,9 @@ class Failed(Exception):
     the station did not take the decision that the case needs.
     """
 
-    def __init__(self, kind: Kind, what: str) -> None:
-        self.finding = Finding(kind, observed=what)
+    def __init__(self, kind: Literal["unexpected", "overdue", "cannot_tell"], what: str) -> None:
+        super().__init__(what)
+        self.kind = kind
 
 
 class Unwritten:

@@ -183,9 +183,8 @@ class LiveRun:
         try:
             live.play(case.script, case.lease_ms)
         except Failed as failed:
-            found = failed.finding
-            verdict, reason = "FAIL" if found.kind == "unexpected" else "INCONC", found.observed
-            if found.kind == "overdue":
+            verdict, reason = "FAIL" if failed.kind == "unexpected" else "INCONC", str(failed)
+            if failed.kind == "overdue":
                 verdict, reason = self._timing(case, reason)
         if reason:
             self.unsettled.update(x.wire.values.ids.values())

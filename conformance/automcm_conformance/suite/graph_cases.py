@@ -33,14 +33,12 @@ from automcm_conformance.suite.tally import (
     PartRun,
     Tally,
     TourInProgress,
-    finding,
 )
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import operators
 from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
-from automcm_traces.checker.finding import Finding
 
 Notify = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
@@ -84,7 +82,7 @@ class Runner:
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
         """The rules that decide the pairs of the chosen cases."""
-        self.elsewhere: Finding | None = None
+        self.elsewhere: Fault | None = None
         """The first wrong answer of a case that is not part of the run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
@@ -545,7 +543,7 @@ class Runner:
         purpose = tally.purpose if tally else None
         fault = self.fault(part, pair, error, purpose, why, unconfirmed=unconfirmed)
         if tally is None:
-            self.elsewhere = self.elsewhere or fault.finding
+            self.elsewhere = self.elsewhere or fault
             return
         if len(tally.faults) < ENOUGH:
             tally.faults.append(fault)
@@ -575,8 +573,7 @@ class Runner:
             decided = Deciding("END-6", "Ack", operators(TLA)["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
-        found = finding(error, decided.rule, why, unconfirmed=unconfirmed)
-        return Fault(found, error, decided, unconfirmed)
+        return Fault(error, decided, why, unconfirmed)
 
 
 def _is_sampled(tally: Tally, answer: OracleAnswer) -> bool:

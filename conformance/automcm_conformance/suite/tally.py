@@ -14,7 +14,6 @@ from automcm_conformance.exchange.wire import Values
 from automcm_conformance.scenarios.scenario_runner import ScenarioOutcome
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_spec.graph.oracle import Oracle
-from automcm_traces.checker.finding import Finding, Kind
 
 UNCONFIRMED_TEXTS = {
     KEPT: "a fresh process answers the same lines correctly, a used one does not",
@@ -43,14 +42,25 @@ class PairPart:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A finding, and the exchange that shows it: its last answer is wrong, or missing."""
+    """A wrong exchange: its last answer is wrong, or missing."""
 
-    finding: Finding
     error: Wrong
     deciding: Deciding
-
+    more: str = ""
+    """Text that follows that of the error."""
     unconfirmed: str = ""
     """Why a fresh process does not fail: one of UNCONFIRMED; empty if it does."""
+
+    @property
+    def rule(self) -> str:
+        """The rule that decides; empty if none is known."""
+        return self.deciding.rule
+
+    @property
+    def what(self) -> str:
+        """What is wrong, in one line."""
+        why = self.unconfirmed
+        return f"{f'{why}: {UNCONFIRMED_TEXTS[why]}: ' if why else ''}{self.error}{self.more}"
 
     @property
     def difference(self) -> str:
@@ -62,19 +72,7 @@ class Fault:
     @property
     def verdict(self) -> Verdict:
         """ERROR if the adapter broke, or did not answer twice in the same way."""
-        return "ERROR" if self.finding.kind in ("unreadable", "cannot_tell") else "FAIL"
-
-
-def finding(error: Wrong, rule: str, more: str = "", *, unconfirmed: str = "") -> Finding:
-    """The finding of a wrong exchange, with the text ``more``. ``unconfirmed``: the same lines got
-    another answer when they were sent again, as one of UNCONFIRMED says."""
-    if unconfirmed:
-        why = f"{unconfirmed}: {UNCONFIRMED_TEXTS[unconfirmed]}"
-        return Finding("cannot_tell", rule, observed=f"{why}: {error}{more}")
-    kind: Kind = "unreadable"
-    if isinstance(error, Mismatch):
-        kind = "state" if error.parts == {"phase"} else "unexpected"
-    return Finding(kind, rule, observed=f"{error}{more}")
+        return "FAIL" if isinstance(self.error, Mismatch) and not self.unconfirmed else "ERROR"
 
 
 @dataclass(slots=True)

@@ -25,7 +25,7 @@ from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Fault, Tally
 from automcm_spec.support import files
 from automcm_spec.vocabulary.rules import RULES, handler, line
-from automcm_traces.checker.finding import NOTHING_WRONG, Finding
+from automcm_traces.checker.finding import NOTHING_WRONG
 
 Expectations = Mapping[str, tuple[Verdict, str]]
 """The expected verdict of a case with a known deviation, and the reason."""
@@ -102,8 +102,8 @@ def report(
     problems = list(runner.adapter.problems)
     notes = [runner.adapter.slowness]
     if runner.elsewhere is not None:
-        what = transcript.finding(runner.elsewhere)
-        notes.append(f"a case that was not chosen fails: {runner.elsewhere.rule}: {what}")
+        about = f"{runner.elsewhere.rule}: {runner.elsewhere.what}"
+        notes.append(f"a case that was not chosen fails: {about}")
     if runner.cut_short:
         (notes if runner.has_enough else problems).append(runner.cut_short)
     return Report(
@@ -147,12 +147,12 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
     if o.verdict in ("PASS", "SKIP"):
         return []
     again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
-    rule = o.finding.rule
+    rule = o.finding.rule or o.finding.property
     told = (rule, handler(o.input), line(rule, o.input)) if o.input else (rule, "", 0)
     expected = transcript.answerable(o.finding)
-    made = _failure(o.finding, told, expected, o.came, o.lines, "", again)
+    what = transcript.finding(o.finding) or o.reason
+    made = _failure(what, told, expected, o.came, o.lines, "", again)
     made.guard, made.as_if = o.finding.why.guard, o.finding.why.nearest
-    made.what = made.what or o.reason
     broke = o.finding == NOTHING_WRONG
     made.difference = f"{o.verdict if broke else o.finding.kind} in a scenario"
     return [made]
@@ -165,16 +165,16 @@ def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
     if tally.faults:
         verdicts = [fault.verdict for fault in tally.faults]
         verdict: Verdict = "FAIL" if "FAIL" in verdicts else "ERROR"
-        return verdict, transcript.finding(tally.faults[verdicts.index(verdict)].finding)
+        return verdict, tally.faults[verdicts.index(verdict)].what
     skipped, forbidden = tally.skipped.total(), tally.forbidden
     if runner.cut_short and tally.reached + skipped + forbidden < max(tally.total, 1):
         return "INCONC", f"{tally.reached:,} of {tally.total:,} driven: {runner.cut_short}"
     out = [f"{n:,} need {why}" for why, n in tally.skipped.most_common()]
     out += [f"{forbidden:,} are forbidden by time with these parameters"] if forbidden else []
     if tally.reached + skipped + forbidden < tally.total:
-        others = (fault.finding for t in runner.tallies.values() for fault in t.faults)
+        others = (fault for t in runner.tallies.values() for fault in t.faults)
         cause = runner.elsewhere or next(others, None)
-        why = f": {transcript.finding(cause)}" if cause else ""
+        why = f": {cause.what}" if cause else ""
         left = tally.total - tally.reached - skipped - forbidden
         return "INCONC", f"{left:,} of {tally.total:,} not driven, the way there went wrong{why}"
     if tally.reached == 0:
@@ -194,8 +194,8 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
     files.folder(replay.parent)
-    found, steps = fault.finding, fault.error.steps
-    files.write(replay, records.replay_text(case, found.rule, transcript.finding(found), steps))
+    steps = fault.error.steps
+    files.write(replay, records.replay_text(case, fault.rule, fault.what, steps))
     last, lines = steps[-1], transcript.exchange(steps)
     if len(lines) > SHOWN:
         cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
@@ -207,15 +207,15 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     )
     again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
     at, allowed = str(replay.relative_to(folder)), transcript.allowed(last.expected)
-    told = found.rule, fault.deciding.operator, fault.deciding.line
-    made = _failure(found, told, allowed, came, lines, at, again)
+    told = fault.rule, fault.deciding.operator, fault.deciding.line
+    made = _failure(fault.what, told, allowed, came, lines, at, again)
     made.guard, made.as_if = fault.deciding.guard, fault.deciding.as_if
     made.timer, made.difference = last.expected.timer, fault.difference
     return made
 
 
 def _failure(
-    found: Finding,
+    what: str,
     deciding: tuple[str, str, int],
     allowed: list[str],
     came: list[str],
@@ -224,6 +224,5 @@ def _failure(
     command: str,
 ) -> Failure:
     rule, operator, at = deciding
-    rule, what = rule or found.property, transcript.finding(found)
     text = RULES.get(rule, "")
     return Failure(rule, text, operator, at, what, allowed, came, lines, replay, command)

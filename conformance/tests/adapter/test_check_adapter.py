@@ -139,7 +139,7 @@ MISTAKES = [
 def test_the_usual_mistakes(old: str, new: str, what: str) -> None:
     assert old in GOOD
     findings = [f for f in found(GOOD.replace(old, new, 1)) if f.level != "ok"]
-    assert any(what in f"{f.level}: {f.finding.observed}" for f in findings), findings
+    assert any(what in f"{f.level}: {f.what}" for f in findings), findings
     assert all(f.level == "warning" for f in findings) == what.startswith("warning")
 
 
@@ -153,16 +153,16 @@ def test_a_finding_shows_the_line_and_its_answer() -> None:
 def test_an_adapter_that_cannot_be_started(tmp_path: Path) -> None:
     [finding] = check([str(tmp_path / "none")], 0.5, lambda text: None)
     assert (finding.level, finding.stderr) == ("error", [])
-    assert "cannot be started" in finding.finding.observed
+    assert "cannot be started" in finding.what
 
 
 def test_an_adapter_that_dies_at_once() -> None:
     [finding] = found("import sys\nsys.exit('no such table')")
-    assert "exit code 1" in finding.finding.observed
+    assert "exit code 1" in finding.what
     assert finding.stderr == ["no such table"]
 
 
 def test_an_adapter_that_says_nothing() -> None:
     [finding] = found("import time\ntime.sleep(9)")
-    assert finding.finding.observed.startswith("no answer within 0.5 s")
+    assert finding.what.startswith("no answer within 0.5 s")
     assert '"hello"' in finding.sent

@@ -25,6 +25,7 @@ from typing import Any
 
 from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.writer import LogWriter
+from automcm_spec.vocabulary import wire_forms
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.messages import LIMIT
@@ -231,30 +232,30 @@ class _LogBuilder:
         """The transmission and the message of an attacker."""
         self._forgeries += 1
         number = FORGED + self._forgeries
+        tx = f"{real_id(i.src if isinstance(i, Cam) else i.message.src)}:{number}"
         if isinstance(i, Cam):
-            return f"{real_id(i.src)}:{number}", _cam_message(i.src, now, i.marks)
+            return tx, _cam_message(i.src, now, i.marks)
         m = i.message
-        message = _head(m) | {"seq": number if m.seq else 0, "type": m.type}
-        trajectory = _trajectory(m.proposal)
-        match m.type:
-            case "Advertisement":
-                message |= ADVERTISED
-            case "Intention":
-                message["planned"] = PLANNED
-            case "Prescription":
-                lease = self._lease.get((m.session, m.proposal), LEASE_MS)
-                message |= {"proposal": m.proposal, "prescribed": trajectory}
-                message |= {"hold_ms": 2000, "lease_ms": lease}
-            case "Acceptance":
-                more = {"selected": trajectory} if m.accepted else {"reason": _reason(m, "unsafe")}
-                message |= {"proposal": m.proposal, "accepted": m.accepted} | more
-            case "Cancel":
-                message["reason"] = _reason(m, "abort")
-            case "Ack":
+
+        def content(name: str) -> Json:
+            if name == "reason":
+                as_sent = "abort" if m.type == "Cancel" else "unsafe"
+                return as_sent if m.reason == "as_sent" else m.reason
+            if name == "of":
                 type_, seq = m.of
-                entry = self._sent[h.station, type_, m.src, m.session, seq]
-                message["of"] = {"type": type_, "seq": entry["seq"]}
-        return f"{real_id(m.src)}:{number}", message
+                return {
+                    "type": type_,
+                    "seq": self._sent[h.station, type_, m.src, m.session, seq]["seq"],
+                }
+            return self._given(name, m.session, m.proposal)
+
+        return tx, wire_forms.message(NAMES, m, number if m.seq else 0, content)
+
+    def _given(self, name: str, session: Session, proposal: int) -> Json:
+        """The content that an application gives."""
+        lease_ms = self._lease.get((session, proposal), LEASE_MS)
+        plain = ADVERTISED | {"planned": PLANNED, "hold_ms": 2000, "lease_ms": lease_ms}
+        return plain[name] if name in plain else _trajectory(proposal)
 
     def _forget(self, h: BehaviourStep) -> None:
         """A station that forgets sessions also forgets their seqs (ADV-8, END-8)."""
@@ -270,19 +271,7 @@ class _LogBuilder:
                 del self._seqs[station, session]
 
     def _command(self, i: Command) -> dict[str, Json]:
-        if i.name == "request":
-            return {"name": i.name} | ADVERTISED
-        command: dict[str, Json] = {"name": i.name, "session": _session(i.session)}
-        if i.name in ("prescribe", "accept", "refuse"):
-            command["proposal"] = i.proposal
-        trajectory = _trajectory(i.proposal)
-        if i.name == "prescribe":
-            lease = self._lease.get((i.session, i.proposal), LEASE_MS)
-            command |= {"target": real_id(i.target), "prescribed": trajectory}
-            command |= {"hold_ms": 2000, "lease_ms": lease}
-        if i.name == "accept":
-            command["selected"] = trajectory
-        return command
+        return wire_forms.command(NAMES, i, lambda name: self._given(name, i.session, i.proposal))
 
     # -- effects
 
@@ -296,31 +285,12 @@ class _LogBuilder:
             message = self._sent[key]
         else:
             seq = self._seq(m.src, m.session) if m.seq else 0
-            message = _head(m) | {"seq": seq, "type": m.type}
-            message |= self._content(h, m, received_message)
+            given = self._command(h.input) if isinstance(h.input, Command) else {}
+            given |= {"planned": PLANNED, "reason": m.reason}
+            given["of"] = {name: received_message.get(name) for name in ("type", "seq")}
+            message = wire_forms.message(NAMES, m, seq, given.__getitem__)
             self._sent[key] = message
         self._transmit(h.station, now, plain(m), message)
-
-    def _content(
-        self, h: BehaviourStep, m: Message, received_message: dict[str, Json]
-    ) -> dict[str, Json]:
-        given = self._command(h.input) if isinstance(h.input, Command) else {}
-        match m.type:
-            case "Advertisement":
-                return {"scenario": given["scenario"], "details": given["details"]}
-            case "Intention":
-                return {"planned": PLANNED}
-            case "Prescription":
-                names = ("prescribed", "hold_ms", "lease_ms")
-                return {"proposal": m.proposal} | {name: given[name] for name in names}
-            case "Acceptance":
-                more = {"selected": given["selected"]} if m.accepted else {"reason": m.reason}
-                return {"proposal": m.proposal, "accepted": m.accepted} | more
-            case "Cancel":
-                return {"reason": m.reason}
-            case "Ack":
-                return {"of": {"type": received_message["type"], "seq": received_message["seq"]}}
-        return {}
 
     def _seq(self, station: int, session: Session) -> int:
         key = station, session
@@ -362,7 +332,10 @@ class _LogBuilder:
                 if to:
                     about["to"] = real_id(to)
                 seq = self._sent[station, type_, to, session, k]["seq"]
-                return {"name": name, "message": about | {"session": _session(session), "seq": seq}}
+                return {
+                    "name": name,
+                    "message": about | {"session": NAMES.session(session), "seq": seq},
+                }
         return {"name": timer[0]}
 
     def _indication(self, h: BehaviourStep, received_message: dict[str, Json]) -> dict[str, Json]:
@@ -371,7 +344,7 @@ class _LogBuilder:
         after = h.effects.after
         session = h.before.session if after.session == (0, 0) else after.session
         if session != (0, 0):
-            indication["session"] = _session(session)
+            indication["session"] = NAMES.session(session)
         if name in ("verify", "accepted"):
             indication["proposal"] = after.proposal
         if name == "propose":
@@ -445,27 +418,23 @@ def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal
     return found
 
 
-def _head(m: Message) -> dict[str, Json]:
-    to = {"dst": real_id(m.dst)} if m.dst else {}
-    return {"v": 1, "src": real_id(m.src)} | to | {"session": _session(m.session)}
-
-
 def _cam_message(station: int, now: int, marks: frozenset[Session]) -> dict[str, Json]:
-    message = {"v": 1, "type": "CAM", "src": real_id(station), "generation_ms": now}
-    message |= {"x_mm": now * 8, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 8333}
-    return message | {"marks": sorted(_session(s) for s in marks)}
+    return wire_forms.cam(NAMES, station, marks, now, now * 8)
 
 
 def _trajectory(proposal: int) -> dict[str, Json]:
     return {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * proposal, 0]]}
 
 
-def _reason(m: Message, as_sent: str) -> str:
-    return as_sent if m.reason == "as_sent" else m.reason
+class _Names:
+    def station(self, station: int) -> int:
+        return real_id(station)
+
+    def session(self, session: Session) -> list[int]:
+        return [real_id(session[0]), session[1]]
 
 
-def _session(session: Session) -> list[int]:
-    return [real_id(session[0]), session[1]]
+NAMES = _Names()
 
 
 def plain(m: Message) -> Message:

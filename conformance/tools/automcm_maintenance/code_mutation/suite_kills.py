@@ -94,7 +94,7 @@ def _what(runner: Runner) -> str:
     for name in runner.failed:
         tally = runner.tallies[name]
         if tally.faults:
-            return transcript.finding(tally.faults[0].finding)
+            return tally.faults[0].what
         if tally.outcome is not None:
             return transcript.finding(tally.outcome.finding) or tally.outcome.reason
     return ""
