@@ -25,12 +25,22 @@ def described(model: models.Model) -> str:
 
 
 def checks(model: models.Model) -> str:
-    """The properties that a model checks; S-1 to S-8 together as S."""
+    """The properties that a model checks; ``S-1..5`` are S-1 to S-5."""
     checked = _ids(model)
-    ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
-    safety = [id_ for id_ in ids if id_ in models.SAFETY]
-    rest = [id_ for id_ in ids if id_ not in models.SAFETY]
-    return " ".join((["S"] if len(safety) > 1 else safety) + rest) or "-"
+    runs: list[list[str]] = []
+    for id_ in models.PROPERTIES:
+        letter, _, number = id_.partition("-")
+        if id_ not in checked or not number:
+            continue
+        if runs and runs[-1][-1] == f"{letter}-{int(number) - 1}":
+            runs[-1].append(id_)
+        else:
+            runs.append([id_])
+    return " ".join(_run(run) for run in runs) or "-"
+
+
+def _run(ids: list[str]) -> str:
+    return " ".join(ids) if len(ids) < 3 else f"{ids[0]}..{ids[-1].partition('-')[2]}"
 
 
 def _ids(model: models.Model) -> set[str | None]:
