@@ -58,16 +58,6 @@ def a_session_number_is_used_again(r: Records) -> int:
 
 
 @wrong(PRESCRIBER)
-def pre_2_the_lease_is_not_the_one_given(r: Records) -> int:
-    return change(r, find(r, "send", type="Prescription"), "message", lease_ms=1)
-
-
-@wrong(RECEIVER)
-def a_timer_is_armed_that_nothing_calls_for(r: Records) -> int:
-    return change(r, find(r, "timer", op="arm", name="hold"), "timer", name="answer")
-
-
-@wrong(PRESCRIBER)
 def act_4_the_prescribers_lease_lasts_the_full_time(r: Records) -> int:
     n = find(r, "timer", op="arm", name="lease")
     return change(r, n, "", deadline=r[n]["t_ms"] + 20_000)
@@ -117,13 +107,6 @@ def act_5_a_cam_that_is_too_far_ahead_counts(r: Records) -> int:
 
 
 @wrong(RECEIVER)
-def what_must_follow_the_last_input_is_missing(r: Records) -> int:
-    n = find(r, "receive", type="Prescription")
-    r[n + 1 : -1] = []
-    return n + 1
-
-
-@wrong(RECEIVER)
 def end_5_bytes_that_are_no_message_are_answered(r: Records) -> int:
     n = find(r, "receive", type="Prescription")
     del r[n]["message"], r[n]["phase"], r[n]["role"]
@@ -149,11 +132,6 @@ def end_5_a_message_that_was_reported_is_obeyed(r: Records) -> int:
 @wrong(RECEIVER)
 def end_5_a_message_is_reported_twice(r: Records) -> int:
     return reported(r, 2) - 1
-
-
-@wrong(RECEIVER)
-def the_phase_told_is_not_that_of_the_specification(r: Records) -> int:
-    return change(r, find(r, "receive", type="Prescription"), "", phase="WAITING")
 
 
 @wrong(RECEIVER)

@@ -31,13 +31,6 @@ def test_the_page_is_written_whatever_the_verdict(tmp_path: Path) -> None:
     assert told["logs"] == [wanted]
 
 
-def test_a_folder_stands_for_the_logs_in_it(tmp_path: Path) -> None:
-    out = tmp_path / "page.html"
-    run = automcm("trace", "html", CORPUS / "four-vehicles", "--out", out)
-    assert run.exit_code == 0 and run.stdout.startswith(f"{out}: ")
-    assert b"4004.ndjson: ALLOWED" in out.read_bytes()
-
-
 def test_logs_that_cannot_be_shown_are_named_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "rubbish").write_bytes(bytes(range(256)))
     two = [CORPUS / "pair" / "1001.ndjson", CORPUS / "four-vehicles" / "2002.ndjson"]

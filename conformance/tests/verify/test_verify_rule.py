@@ -103,11 +103,6 @@ def test_the_small_graph_misses_every_rule_that_is_taken_away() -> None:
     assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
 
 
-def test_the_small_graph_is_never_on_disk() -> None:
-    assert oracle_generation.SMALL not in oracle_generation.GRAPHS.values()
-    assert not oracle_generation.SMALL.path.exists()
-
-
 def test_a_reference_that_cannot_be_imported_is_3(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,9 +13,7 @@ from automcm_traces.checker import divergence
 from automcm_traces.checker.divergence import Action, Question
 from automcm_traces.checker.input_alphabet import alphabet
 from automcm_traces.checker.track import DEFAULT_LIMITS, OutboxEntry, Track
-from automcm_traces.explain.explain import text, verdict_of
 
-CORPUS = Path(__file__).parents[2] / "corpus"
 ME, PEER, OTHER = 4711, 815, 1616
 OWN, THEIRS = (ME, 1), (PEER, 7)
 STATION = Station(*DEFAULT_LIMITS)
@@ -206,23 +201,3 @@ def test_end_5_a_message_that_breaks_the_protocol_is_not_called_nearest() -> Non
         "In(st, m.session)",
         'st.phase \\in {"INTENDING", "WAITING"}',
     ]
-
-
-def test_act_3_a_fin_of_a_receiver_is_not_blamed_on_the_last_input(tmp_path: Path) -> None:
-    log = [json.loads(x) for x in (CORPUS / "four-vehicles/3003.ndjson").read_text().splitlines()]
-    n = next(n for n, r in enumerate(log) if r.get("rule") == "NEG-9")
-    fin = {"v": 1, "type": "Fin", "src": 3003, "dst": 1001, "session": [1001, 1], "seq": 3}
-    sent: dict[str, Any] = {"ev": "send", "tx": "3003:999", "message": fin}
-    log.insert(n + 3, {"rec": "event", "seq": 0, "t_ms": log[n]["t_ms"]} | sent)
-    for seq, record in enumerate(log[1:-1], 1):
-        record["seq"] = seq
-    log[-1]["seq"] = len(log) - 2
-    path = tmp_path / "log.ndjson"
-    path.write_text("".join(json.dumps(record) + "\n" for record in log))
-    verdict = verdict_of(path)
-    assert (verdict.finding.at.line, verdict.finding.rule) == (n + 4, "NEG-9")
-    said = verdict.finding.why.nearest
-    assert said.startswith("nearest allowed: ACT-3 send Fin (OnComplete) by command complete,")
-    assert guards(said) == [('st.role = "prescriber"', True)] and "st.role = receiver" in said
-    assert "  last input decided by NEG-9: " in text(verdict)
-    assert "  by ADV-5: " in text(verdict_of(CORPUS / "bad/ack_missing.ndjson"))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from edits import HEADER
 
 from automcm.core.station import Station
 from automcm.links.clock import VirtualClock
@@ -16,15 +15,12 @@ from automcm.service import event_log
 from automcm.service.service import McService
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
-from automcm_spec.log_format.log import RECORD
 from automcm_spec.log_format.reader import Log, read
 from automcm_spec.log_format.writer import LogWriter
-from automcm_spec.vocabulary.application import Prescribe
-from automcm_spec.vocabulary.messages import Acceptance, Cam, encode
+from automcm_spec.vocabulary.messages import Cam, encode
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Engine
-from automcm_traces.checker.follow import NEEDED
-from automcm_traces.checker.track import INITIAL, CannotTell, OutboxEntry
+from automcm_traces.checker.track import CannotTell
 from automcm_traces.explain.explain import explain, verdicts_of
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
@@ -54,34 +50,6 @@ def test_no_log_loads_a_graph(name: str, verdict: str) -> None:
     said, graphs, most = done.stdout.strip().splitlines()
     assert (said, graphs) == (verdict, "False")
     assert int(most.split()[1]) < 80 * 1024  # KiB
-
-
-def test_neg_1_more_proposals_at_once_than_any_graph_knows() -> None:
-    """A receiver whose answers to 3, 4 and 5 are still being sent gets proposal 6."""
-    about = {"src": 2002, "dst": 1001, "session": (1001, 7), "seq": 1, "proposal": 1}
-    refusal = Acceptance(**about, accepted=False, reason="unsafe")
-    answers = [
-        OutboxEntry(
-            "Acceptance", 1001, (1001, 7), k, refusal.model_copy(update={"seq": k, "proposal": k})
-        )
-        for k in (3, 4, 5)
-    ]
-    state = INITIAL._replace(phase="WAITING", role="receiver", session=(1001, 7), proposal=5)
-    state = state._replace(joined=frozenset({(1001, 7)}), outbox=frozenset(e.spec for e in answers))
-    header = {**HEADER, "station": 2002, "complete": list(NEEDED), "parameters": {"max_rounds": 9}}
-    m = {"v": 1, "type": "Prescription", "src": 1001, "dst": 2002, "session": [1001, 7], "seq": 9}
-    m |= {"proposal": 6, "prescribed": {"t0": 0, "points": [[0, 0, 0]]}}
-    m |= {"hold_ms": 1, "lease_ms": 700}
-    received = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "receive", "tx": "1001:1", "message": m}
-    event = RECORD.validate_python(received)
-    engine = Engine(RECORD.validate_python(header))
-    engine.track.state, engine.track.outbox = state, answers
-    engine.feed(2, event)
-    assert engine.step is not None
-    assert (engine.step.rule, engine.step.after.proposal) == ("NEG-1", 6)
-    assert [str(message) for message in engine.step.messages] == [
-        "Ack to 1001 session=1001/7 (of Prescription seq=9)"
-    ]
 
 
 def test_where_a_message_may_be_missing_nothing_is_concluded_from_it() -> None:
@@ -126,30 +94,6 @@ def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Pat
             for effect in effects:
                 event_log.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
     assert explain(read(path)).verdict == "allowed"
-
-
-@pytest.mark.sweep(3)
-@pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
-@pytest.mark.parametrize("proposal", [2, 4])
-@pytest.mark.parametrize("target", [2, 1, 9])
-def test_pre_5_a_wrong_proposal_or_target_is_refused_whatever_the_rounds(
-    tmp_path: Path, max_rounds: int, proposal: int, target: int
-) -> None:
-    wrong = Prescribe(
-        session=(1, 1),
-        proposal=proposal,
-        target=target,
-        prescribed=Straight().trajectory(),
-        hold_ms=0,
-        lease_ms=1000,
-    )
-    parameters = Parameters(max_rounds=max_rounds)
-    path = alone(tmp_path, parameters, wrong=(2200, lambda service: service.command(wrong)))
-    assert explain(read(path)).verdict == "allowed"
-    text_ = path.read_text()
-    assert '"name":"refused"' in text_
-    path.write_text(text_.replace('"name":"refused"', '"name":"verify"'))  # it did not refuse
-    assert explain(read(path)).verdict == "diverges"
 
 
 def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:

@@ -163,24 +163,6 @@ def test_every_seeded_fault_is_the_first_difference(entry: dict[str, Json]) -> N
     assert f"DIFFERS after {found.steps} step" in next(text(diff([base], [bad])))
 
 
-def test_fields_are_named_with_both_values() -> None:
-    d = one(PAIR / "2002.ndjson", CORPUS / "bad/wrong_proposal.ndjson").difference
-    assert d is not None
-    assert d.fields == (("message.proposal", 2, 1),)
-    d = one(PAIR / "2002.ndjson", CORPUS / "bad/lease_longer.ndjson").difference
-    assert d is not None
-    assert d.fields == (("duration_ms", 20000, 21000),)
-
-
-def test_what_one_side_does_not_do_is_told_and_marked() -> None:
-    found = diff([PAIR / "2002.ndjson"], [CORPUS / "bad/ack_twice.ndjson"])
-    lines = list(text(found))
-    assert any(line.endswith("2002.ndjson: nothing like it") for line in lines)
-    (marked,) = [line for line in lines if line.startswith("!")]
-    assert marked.split("|")[0].strip() == "!"
-    assert all(len(line) <= 80 for line in lines if " | " in line)
-
-
 @pytest.mark.parametrize(
     ("type_", "field", "first"), [("Prescription", "hold_ms", 1001), ("Intention", "x", 2002)]
 )

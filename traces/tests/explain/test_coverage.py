@@ -158,23 +158,6 @@ def test_a_log_counts_up_to_where_it_goes_wrong(
     assert reason in why or reason == "seq"
 
 
-def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
-    number, record = next(
-        (number, record)
-        for number, record in enumerate(records(logs[1]), 1)
-        if record.get("ev") == "send" and record["message"]["type"] == "Acceptance"
-    )
-    record["message"]["proposal"] = 2
-    wrong = changed(logs[1], tmp_path, number, json.dumps(record).encode() + b"\n")
-    both = measure([wrong, logs[0], tmp_path / "none.ndjson"])
-    assert [(at, what) for _, at, what, _ in both.problems] == [
-        (number, "diverges"),
-        (0, "unreadable"),
-    ]
-    assert exit_code(both) == 1
-    assert f"{wrong}:{number}: DIVERGES: send Acceptance" in "\n".join(text(both))
-
-
 def test_a_log_that_does_not_promise_all_does_not_diverge(logs: list[Path], tmp_path: Path) -> None:
     """automcm trace explain allows it: the command before the Acceptance is unseen."""
     header, *rest = records(logs[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 from collections import Counter
 from collections.abc import Callable
@@ -23,7 +22,6 @@ from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import (
-    Verdict,
     exit_code,
     explain,
     judged_log,
@@ -49,11 +47,6 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return four_stations(tmp_path_factory.mktemp("logs"))
 
 
-def put(line: int, name: str, value: Any) -> Callable[[Edited], None]:
-    """Another value of a field of the message in a line."""
-    return lambda log: log.at(line)["message"].update({name: value})
-
-
 def later(first: int, ms: int, last: int | None = None) -> Callable[[Edited], None]:
     """All that happens from one line on, to another or the end, is so much later."""
 
@@ -63,21 +56,6 @@ def later(first: int, ms: int, last: int | None = None) -> Callable[[Edited], No
                 record[name] += ms
 
     return edit
-
-
-def spoilt(path: Path, folder: Path, edit: Callable[[Edited], object]) -> Verdict:
-    """What is said of the log with one thing changed."""
-    return explain(read(edited(path, folder, edit)))
-
-
-def where(verdict: Verdict) -> tuple[str, int, str]:
-    return verdict.verdict, verdict.finding.at.line, verdict.finding.rule
-
-
-def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
-    verdicts = verdicts_of(logs)
-    assert [v.verdict for v in verdicts] == ["allowed"] * 4
-    assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
 
 
 def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,12 +103,6 @@ def test_how_late_a_timer_may_be_can_be_told(
     assert verdicts_of([late], late_ms)[0].verdict == verdict
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> None:
-    parameters = Parameters(t_timeout=(0, 1000, 2000)[seed % 3], max_rounds=1 + seed % 5, t_cam=500)
-    assert exit_code(verdicts_of(four_stations(tmp_path, seed, parameters))) == 0
-
-
 @pytest.mark.slow
 def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None:
     for seed in range(4):
@@ -148,49 +120,6 @@ def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None
         simulation.run(until=25_000)
         verdicts = verdicts_of(sorted(folder.iterdir()))
         assert [text(v) for v in verdicts if v.verdict != "allowed"] == []
-
-
-def mutated(value: Any) -> Any:
-    match value:
-        case bool():
-            return not value
-        case int():
-            return value + 1
-        case str():
-            return "Cancel" if value == "Fin" else value + "x"
-        case [first, *rest]:
-            return [mutated(first), *rest]
-        case {**fields}:
-            name = min(fields)
-            return fields | {name: mutated(fields[name])}
-    raise TypeError(value)
-
-
-def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path: Path) -> None:
-    tried = set()
-    for path in logs:
-        for number, line in enumerate(path.read_text().splitlines(), 1):
-            record = json.loads(line)
-            if record.get("ev") != "send" or record["message"]["type"] == "CAM":
-                continue
-            message = record["message"]
-            for name in message:
-                if (message["type"], name) in tried:
-                    continue
-                tried.add((message["type"], name))
-                verdict = spoilt(path, tmp_path, put(number, name, mutated(message[name])))
-                assert where(verdict)[:2] == ("diverges", number), (message["type"], name, verdict)
-    assert {type_ for type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
-    assert {type_ for type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
-
-
-def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
-    number = find(logs[2], "receive", type="Advertisement")
-    changed = edited(logs[2], tmp_path, put(number, "scenario", "merge"))
-    assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
-    verdicts = verdicts_of([logs[0], changed])
-    assert where(verdicts[1]) == ("diverges", number, "forged")
-    assert verdicts[1].finding.expected == ('scenario: "lane_change" was sent, not "merge"',)
 
 
 def test_the_small_log_of_the_page_is_what_it_says(tmp_path: Path) -> None:
@@ -212,7 +141,7 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     logs: list[Path], tmp_path: Path
 ) -> None:
     number = find(logs[2], "receive", type="Prescription")
-    wrong = edited(logs[2], tmp_path, put(number, "v", 2))
+    wrong = edited(logs[2], tmp_path, lambda log: log.at(number)["message"].update(v=2))
     why = f"; the message of line {number} is malformed (v: must be at most 1)"
     verdict = explain(read(wrong))
     assert (verdict.finding.at.line, verdict.finding.observed) == (

@@ -43,10 +43,6 @@ def found(folder: Path, *lines: Line | bytes) -> list[tuple[int, str, str]]:
     return [(f.at.line, f.rule, f.at.field) for f in lint(write(folder, *lines))]
 
 
-def test_a_good_log_is_clean(tmp_path: Path) -> None:
-    assert found(tmp_path, HEADER, send(1), arm(2), send(3, "7:2"), end(3)) == []
-
-
 def test_the_logs_of_the_reference_are_clean(tmp_path: Path) -> None:
     run: dict[str, Any] = {"seed": 5, "loss": 0.2, "duplicate": 0.2, "restarts": {3003: 1500}}
     paths = simulated(tmp_path, 1001, 2002, 3003, until=6_000, target=2002, **run)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from typing import Any
 import pytest
 from edits import HEADER, Line
 from edits import end as end_of
-from merged_runs import records, simulated
 from rich.cells import cell_len
 
 from automcm_spec.log_format.event_text import fitted, safe, summary
@@ -54,11 +52,6 @@ def placed(shown: list[TableRow]) -> list[tuple[int, int]]:
     return [(row.station, row.line) for row in shown if row.event is not None]
 
 
-def lossy(folder: Path, stations: int, seed: int = 3, until: int = 8000) -> list[Path]:
-    run: dict[str, Any] = {"seed": seed, "loss": 0.2, "duplicate": 0.2, "target": 1002}
-    return simulated(folder, *range(1001, 1001 + stations), until=until, **run)
-
-
 def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None:
     """Even where the receiver's clock is far behind the sender's."""
     paths = [
@@ -66,51 +59,6 @@ def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None
         log(tmp_path, 8, event("restart", 3), event("receive", 5, tx="7:1", message=fin(7, 8))),
     ]
     assert placed(rows(*paths)) == [(7, 2), (7, 3), (8, 2), (8, 3)]
-
-
-@pytest.mark.sweep(1)
-@pytest.mark.parametrize(
-    "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in range(5)]
-)
-def test_the_order_keeps_every_log_and_every_sending_with_any_clocks(
-    tmp_path: Path, seed: int
-) -> None:
-    chance = random.Random(seed)
-    paths = lossy(tmp_path, 4, seed)
-    for path in paths:
-        shift = chance.randrange(20_000)
-        lines = records(path)
-        for line in lines:
-            for key in {"t_ms", "deadline"} & line.keys():
-                line[key] += shift
-        path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    shown = rows(*paths, cams=True)
-    sent: set[str] = set()
-    lines_: dict[int, int] = {}
-    for row in shown:
-        assert row.line > lines_.get(row.station, 0)
-        lines_[row.station] = row.line
-        if isinstance(row.event, Send):
-            sent.add(row.event.tx)
-        if isinstance(row.event, Receive):
-            assert row.event.tx in sent
-    assert len(shown) == sum(len(path.read_text().splitlines()) - 1 for path in paths)
-    assert shown == rows(*reversed(paths), cams=True)
-
-
-def test_two_that_each_received_what_the_other_sent_later_are_shown_all_the_same(
-    tmp_path: Path,
-) -> None:
-    paths = [
-        log(
-            tmp_path,
-            me,
-            event("receive", tx=f"{other}:1", message=fin(other, me)),
-            event("send", tx=f"{me}:1", message=fin(me, other)),
-        )
-        for me, other in ((7, 8), (8, 7))
-    ]
-    assert sorted(placed(rows(*paths))) == [(7, 2), (7, 3), (8, 2), (8, 3)]
 
 
 def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
@@ -130,38 +78,9 @@ def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
     ]
 
 
-def test_what_may_be_under_way_is_not_called_lost(tmp_path: Path) -> None:
-    sender = log(tmp_path, 7, event("send", tx="7:1", message=fin(7, 8)))
-    assert rows(sender, log(tmp_path, 8))[0].notes == ("?8",)
-
-
-def test_of_a_log_that_may_lack_it_nothing_is_said(tmp_path: Path) -> None:
-    sender = log(tmp_path, 7, event("send", tx="7:1", message=fin(7, 8)))
-    assert rows(sender, log(tmp_path, 8, complete=["send"]))[0].notes == ()
-
-
-@pytest.mark.parametrize("head", [{"complete": ["receive"]}, {"end": False}])
-def test_a_sender_that_may_not_have_logged_it_forges_nothing(
-    tmp_path: Path, head: dict[str, Any]
-) -> None:
-    received = log(tmp_path, 8, event("receive", tx="7:5", message=fin(7, 8)))
-    sender = log(tmp_path, 7, **head)
-    assert next(r for r in rows(sender, received) if r.event is not None).notes == ()
-
-
 def test_msg_1_what_is_overheard_is_marked(tmp_path: Path) -> None:
     path = log(tmp_path, 9, event("receive", tx="7:1", message=fin(7, 8)))
     assert rows(path)[0].full_text == "for 8 <- Fin 7 7/1#1"
-
-
-def test_columns_are_as_wide_as_they_may_be(tmp_path: Path) -> None:
-    for stations, width in ((1, 80), (2, 80), (3, 80), (6, 80), (2, 50), (4, 132)):
-        folder = tmp_path / f"{stations}-{width}"
-        folder.mkdir()
-        logs = Logs(lossy(folder, stations, until=5000))
-        lines = columns(logs.rows(), logs.stations, width)
-        assert max(len(line) for line in lines) <= width
-        assert ("station" in lines[0]) == (stations == 6 or width == 50)
 
 
 def test_columns_of_two_stations(tmp_path: Path) -> None:

@@ -45,12 +45,6 @@ def test_a_diagram_has_each_message_that_arrived_and_a_cross_for_what_did_not() 
     assert not any("CAM" in line for line in lines)
 
 
-def test_of_one_log_the_other_station_is_drawn_too() -> None:
-    lines = drawn(PAIR[1:])
-    assert "  participant S1001 as 1001" in lines
-    assert "  S1001-->>S2002: Advertisement 1001/1#35;1" in lines
-
-
 def test_a_long_diagram_is_cut_and_says_so() -> None:
     whole, cut = drawn(PAIR), drawn(PAIR, 10)
     arrows = [line for line in whole if "->>" in line or "-x " in line]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from edits import Edited, edited, find
+from edits import Edited, edited
 from merged_runs import Run
 
 from automcm_spec.vocabulary.application import Abort
@@ -86,18 +86,6 @@ def test_the_prefix_diverges_in_the_same_way(tmp_path: Path) -> None:
     assert not again.warnings
     assert path.read_bytes().count(b"\n") < Path(verdict.file).read_bytes().count(b"\n")
     assert replay(path) == f"automcm trace replay {path} -- YOUR_ADAPTER"
-
-
-def test_what_is_missing_at_the_end_is_in_the_prefix(tmp_path: Path) -> None:
-    fin = find(TARGET, "receive", type="Fin")
-    cut = edited(TARGET, tmp_path, lambda log: log.records.__delitem__(slice(fin, -1)))
-    verdict = verdict_of(cut)
-    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", fin)
-    again = verdict_of(prefix(verdict, tmp_path / "prefix"))
-    assert (again.finding.at.line, again.finding.observed) == (
-        verdict.finding.at.line,
-        verdict.finding.observed,
-    )
 
 
 def test_several_sessions_of_one_log_are_told_apart() -> None:

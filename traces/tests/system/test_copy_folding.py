@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from automcm_spec.log_format.log import Send
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, TableRow
-from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
-
-CORPUS = Path(__file__).parents[2] / "corpus"
+from automcm_traces.system.copy_folding import Key, folded
 
 
 def folds(text: str) -> str:
@@ -39,19 +33,3 @@ def folds(text: str) -> str:
 )
 def test_copies_fold_unless_something_comes_between(items: str, expected: str) -> None:
     assert folds(items) == expected
-
-
-@pytest.mark.parametrize("run", ["pair", "four-vehicles"])
-def test_folding_keeps_each_row_and_only_copies_share_a_fold(run: str) -> None:
-    logs = Logs(sorted((CORPUS / run).glob("*.ndjson")))
-    rows = list(FilteredRows(logs, Filter()))
-
-    def key(row: TableRow) -> Key | None:
-        return None if row.event is None else key_of(row.station, row.event, row.notes)
-
-    found: list[Fold[TableRow]] = list(folded(rows, key))
-    assert sum(fold.times for fold in found) == len(rows) > len(found) + 10
-    for fold in found:
-        one, other = fold.first.event, fold.last.event
-        if isinstance(one, Send) and isinstance(other, Send):
-            assert one.message == other.message and fold.first.notes == fold.last.notes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 from collections import Counter
 from pathlib import Path
@@ -145,12 +144,6 @@ def test_forged_receptions_of_a_log_that_stops_go_as_far_as_it_does(tmp_path: Pa
     del lines[sent]
     assert forged_receptions(merge([one, rewritten(tmp_path / "2.ndjson", lines), three]))
     del two
-
-
-def test_counts_are_by_pair_and_plain(tmp_path: Path) -> None:
-    found = deliveries(Run(tmp_path).logs()).counts()
-    assert list(found) == ["1-2", "1-3", "2-1", "2-3", "3-1", "3-2"]
-    assert json.dumps(found)
 
 
 def test_a_log_that_lost_records_proves_nothing(tmp_path: Path) -> None:

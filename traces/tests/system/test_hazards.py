@@ -119,11 +119,6 @@ def test_end_8_a_restart_leaves_a_hazard_until_the_marks_are_missed(tmp_path: Pa
     assert L - 100 <= measured(hazard, run) <= D + L and "station 2 restarts" in hazard.fault
 
 
-def test_end_1_an_abort_that_is_heard_ends_it_at_once(tmp_path: Path) -> None:
-    run = aborted(tmp_path, drop=Run.drop)
-    assert measured(only(judge(run.logs())), run) <= D
-
-
 def test_act_4_a_short_lease_is_the_bound(tmp_path: Path) -> None:
     run = aborted(tmp_path, at=2800, lease_ms=1540)
     hazard = only(judge(run.logs()))

@@ -269,13 +269,6 @@ def test_several_sessions_are_told_apart(tmp_path: Path) -> None:
     assert [h.session for h in report.hazards] in ([], [(1, 2)])
 
 
-def test_two_prescribers_at_once_are_judged_each(tmp_path: Path) -> None:
-    run = Run(tmp_path)
-    run.simulation.request(3, at=505)
-    report = judge(run.logs())
-    assert not broken(report) and {t.split(":")[0] for t in report.as_dict()["sessions"]} >= {"1/1"}
-
-
 def test_logs_of_two_runs_are_one_clear_line(tmp_path: Path) -> None:
     logs = Run(tmp_path / "a", seed=1).logs() + Run(tmp_path / "b", seed=2).logs()
     report = judge(logs)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from merged_runs import later, records, rewritten, simulated
+from merged_runs import later, records, simulated
 from page_rows import DELIVERED, DUPLICATE
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
@@ -138,12 +138,6 @@ def test_runs_that_begin_at_other_times_are_aligned_all_the_same(tmp_path: Path)
     assert pairs(data) == pairs(same) and data["rows"]["log"] == same["rows"]["log"]
 
 
-def test_single_logs_are_compared_whatever_their_stations(tmp_path: Path) -> None:
-    data = as_dict(beside(PAIR[:1], PAIR[1:]))
-    assert data["compared"]["stations"][0]["logs"] == (0, 1)
-    assert data["compared"]["stations"][0]["row"] >= 0
-
-
 def test_runs_without_a_common_station_are_refused() -> None:
     with pytest.raises(PageError, match=r"^no station to compare: A has 1001, 2002, B has 3003,"):
         beside(PAIR, FOUR[2:])
@@ -155,21 +149,3 @@ def test_without_javascript_the_difference_is_told(two: Two) -> None:
     table = page[page.index("<noscript>") : page.index("</noscript>")]
     assert "1001: DIFFERS after" in table and "<td>A · 1001" in table and "<td>B · 1001" in table
     assert f"A: {two.logs[0][0]}: ALLOWED" in table and f"B: {two.logs[1][0]}: ALLOWED" in table
-
-
-def test_a_damaged_log_is_compared_up_to_the_damage() -> None:
-    data = as_dict(beside([CORPUS / "bad" / "rubbish_inside.ndjson"], FOUR[:1]))
-    assert data["runs"][0]["verdicts"][0]["verdict"] == "unreadable"
-    assert data["compared"]["stations"]
-
-
-def test_two_events_that_differ_in_a_field_share_the_row_of_the_first_difference(
-    tmp_path: Path,
-) -> None:
-    lines = records(PAIR[0])
-    next(r for r in lines if r.get("op") == "arm" and r["timer"]["name"] != "cam")["deadline"] += 7
-    rewritten(tmp_path / "a.ndjson", lines)
-    data = as_dict(beside(PAIR[:1], [tmp_path / "a.ndjson"]))
-    (one,) = data["compared"]["stations"]
-    assert [f["field"] for f in one["difference"]["fields"]] == ["duration_ms"]
-    assert one["row"] + 1 in pairs(data) and max(pairs(data)) == one["row"] + 1
