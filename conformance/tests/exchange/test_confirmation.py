@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from suite_stage import ACCEPTS, BUSY, FOREIGN, Suite, of
+from suite_stage import ACCEPTS, BUSY, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
@@ -133,9 +133,3 @@ def test_the_line_of_a_crash_is_shown_though_the_adapter_batches(conform: Suite)
     last = case.failures[0].exchange[-1]
     assert last.who == "kit" and "receive" in last.text and "Prescription" in last.text
     assert of(found, ACCEPTS).verdict == "PASS"
-
-
-@pytest.mark.slow
-def test_what_is_confirmed_stays_a_fail(conform: Suite) -> None:
-    found = conform(station("def bad(c, out): return out | {'messages': []}" + FOREIGN), BUSY)
-    assert of(found, BUSY).verdict == "FAIL"
