@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import random
-import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,59 +13,19 @@ from typing import Any
 from automcm.links.simulated_radio import Channel
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
-from automcm_spec.model_checking import tlc_simulation
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.checker.track import INITIAL
-from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import EffectQuery, effects_of
-from automcm_traces.export.behaviour_steps import Move, steps_of
 
 Json = Any
 Lines = list[str]
-STATIONS = (1, 2, 3, 4)
 KINDS = ("dropped", "duplicated", "swapped", "edited", "shifted")
 
 
-def of_the_model(number: int, seed: int, depth: int = 60) -> list[Lines]:
-    """``number`` logs of random behaviours of four stations (TLC), or a few less; none is empty."""
-    logs: list[Lines] = []
-    count = -(-number // 4) + 4
-    for lively in (False, True):
-        found = tlc_simulation.behaviours(count // 2 + 1, depth, seed, lively=lively)
-        logs += _told(found, f"model-{seed}")
-    return logs[:number] if len(logs) >= number else logs
-
-
-def _told(found: Sequence[Any], run: str) -> list[Lines]:
-    cfg = tlc_simulation.CONFIG.format(spec="AnySpec")
-    cfg = re.sub(r"(?m)^(SPECIFICATION|INVARIANTS|CHECK).*\n", "", cfg)
-    stories = [_moves(behaviour) for behaviour in found]
-    effects: dict[EffectQuery, behaviour_to_log.StepEffects] = {}
-
-    def asker(questions: Any) -> dict[EffectQuery, behaviour_to_log.StepEffects]:
-        missing = [q for q in questions if q not in effects]
-        for first in range(0, len(missing), 1500):
-            effects.update(effects_of("Simulation", cfg, missing[first : first + 1500]))
-        return effects
-
-    steps_of([move for moves in stories for move in moves], asker, False)
-    logs = []
-    for n, moves in enumerate(stories):
-        told = steps_of(moves, asker, False)
-        written = behaviour_to_log.logs(f"{run}-{n}", told, STATIONS, {"max_rounds": 3})
-        logs += [text.decode().splitlines() for text in written.values()]
-    return [lines for lines in logs if len(lines) > 2]
-
-
-def _moves(behaviour: tlc_simulation.Behaviour) -> list[Move]:
-    at = {s: INITIAL for s in STATIONS}
-    moves = []
-    for who, value, after in behaviour:
-        following = at | {who: after}
-        moves.append(Move(who, value, at, following))
-        at = following
-    return moves
+def of_the_corpus(number: int, seed: int) -> list[Lines]:
+    """``number`` logs of walks through the closed models."""
+    paths = sorted((Path(__file__).parents[1] / "corpus" / "behaviours").rglob("*.ndjson"))
+    chosen = random.Random(seed).choices(paths, k=number)
+    return [path.read_text().splitlines() for path in chosen]
 
 
 def of_the_reference(number: int, seed: int) -> list[Lines]:
@@ -105,9 +64,8 @@ def _simulated(chance: random.Random) -> list[Lines]:
 
 
 def good_logs(number: int, seed: int) -> list[Lines]:
-    """``number`` logs that the specification allows: half of the model, half of the reference."""
-    half = number // 2
-    logs = of_the_model(half, seed)
+    """``number`` logs that the specification allows: half of the models, half of the reference."""
+    logs = of_the_corpus(number // 2, seed)
     return logs + of_the_reference(number - len(logs), seed)
 
 
