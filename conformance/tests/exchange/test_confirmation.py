@@ -37,27 +37,6 @@ def test_state_that_is_kept_over_reset_is_named(conform: Suite) -> None:
     assert found.causes[0].shown.difference == KEPT
 
 
-ENDS = """
-lines = 0
-def answer(c):
-    global lines
-    lines += 1
-    if lines > 700:
-        sys.exit("out of buffers")
-    return right(c)
-"""
-
-
-@pytest.mark.slow
-def test_a_used_process_that_ends_is_an_error(conform: Suite) -> None:
-    found = conform(station(ENDS), BUSY)
-    case = of(found, BUSY)
-    assert (case.verdict, found.exit_code) == ("ERROR", 3) and case.reason.startswith(KEPT)
-    shown = found.causes[0].shown
-    assert "with exit code 1" in shown.what and "out of buffers" in shown.came
-    assert shown.exchange[-1].who == "kit"
-
-
 class Scripted:
     """An adapter whose processes give the wrong deadline, or the right one, as a list says."""
 

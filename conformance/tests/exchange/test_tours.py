@@ -17,7 +17,7 @@ from automcm_conformance.exchange.wire import LONG, STEP_MS
 from automcm_conformance.suite import two_peer_pairs
 from automcm_spec.graph import oracle as oracle_
 from automcm_spec.graph.oracle import Oracle
-from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.parameters import TIMERS
 from automcm_spec.vocabulary.station import Expire, Timer
@@ -86,27 +86,6 @@ def test_done_names_the_case_once(tight: Oracle) -> None:
     assert tours.left == {} and tours.next() is None
 
 
-@pytest.mark.slow
-def test_avoid_finds_other_ways_as_long_as_there_are(tight: Oracle) -> None:
-    tours = Tours.over(tight, every(tight), lambda s, i: True)
-    target = max(range(len(tight.states)), key=lambda s: len(tours.path(s) or []))
-    ways = 0
-    while (way := tours.path(target)) is not None:
-        ways += 1
-        assert ways < 1_000
-        driven = pairs(tight, way)
-        assert not tours.avoided & set(driven)
-        assert tight.answer(*driven[-1]).next == target  # type: ignore[union-attr]
-        tours.avoid(driven[-1])
-    assert ways > 1
-    assert target in tours.left, "what is out of reach stays"
-    while (tour := tours.next()) is not None:
-        for pair in pairs(tight, tour):
-            assert pair not in tours.avoided or pair in driven
-            tours.done(pair)
-    assert target in tours.left
-
-
 def test_allowed_keeps_tours_away(tight: Oracle) -> None:
     requests = {i for i, value in enumerate(tight.inputs) if value[:2] == ("command", "request")}
     targets = [(a, case) for a, case in every(tight) if a.input not in requests]
@@ -119,15 +98,6 @@ def test_allowed_keeps_tours_away(tight: Oracle) -> None:
             tours.done(pair)
     assert reached and all(tight.states[s].role != "prescriber" for s in reached)
     assert any(tight.states[s].role == "prescriber" for s in tours.left)
-
-
-@pytest.mark.slow
-def test_drop_leaves_the_other_cases(tight: Oracle) -> None:
-    tours = Tours.over(tight, every(tight), lambda s, i: True)
-    tours.drop("END-6")
-    left = {case for here in tours.left.values() for case in here.values()}
-    assert "END-6" not in left
-    assert left == {case for _, case in every(tight)} - {"END-6"}
 
 
 def walks(oracle: Oracle, count: int) -> Iterator[list[int]]:
@@ -191,11 +161,6 @@ def test_a_timetable_of_what_is_not_offered(tight: Oracle) -> None:
 @pytest.fixture(scope="module")
 def two() -> Oracle:
     return graph(TWO_PEERS.path)
-
-
-@pytest.mark.slow
-def test_the_two_peer_pairs_are_of_this_specification(two: Oracle) -> None:
-    assert two_peer_pairs.spec_hash() == spec_hash() == two.spec_hash
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 from suite_stage import LIMIT, graph
 from wrong_station import station
@@ -12,13 +10,10 @@ from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.play import play
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walks import (
-    JUDGED,
-    PLANNED,
     Act,
     Faults,
     Setting,
     WalkCoverage,
-    Walker,
 )
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.scripts import (
@@ -38,30 +33,6 @@ from automcm_conformance.suite.scripts import (
 from automcm_spec.graph.oracle_generation import ONE_PEER, TWO_PEERS
 
 LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
-
-
-@pytest.mark.slow
-def test_walks_go_where_none_has_been() -> None:
-    from random import Random
-
-    oracle = graph(ONE_PEER.path)
-    coverage = WalkCoverage("one-peer", oracle, [True] * len(oracle.inputs), False)
-    (first,) = itertools.islice(oracle.moves(0), 1)
-    assert coverage.has_new(0)
-    for i in oracle.moves(0):
-        coverage.mark((0, i), PLANNED)
-    assert not coverage.has_new(0)
-    way = coverage.path_to_new(0, expiries=None)
-    state = 0
-    for i in way:
-        state = oracle.moves(state)[i]
-    assert way and coverage.has_new(state)
-    coverage.mark((0, first), JUDGED)
-    assert coverage.counts()["transitions"] == [1, oracle.transitions]
-    coverage.avoided.update((0, i) for i in oracle.moves(0))
-    assert coverage.path_to_new(0, expiries=None) == []
-    walker = Walker(coverage, Random(1), Faults())
-    assert walker.timed(10) == []
 
 
 @pytest.mark.slow

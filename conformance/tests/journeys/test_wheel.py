@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -16,7 +14,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = (
     *("automcm_spec", "automcm", "automcm_simulation", "automcm_traces"),
@@ -56,10 +53,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def automcm(wheel: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return _run(wheel, str(wheel / "bin" / "automcm"), *arguments)
-
-
 def _run(wheel: Path, *command: str) -> subprocess.CompletedProcess[str]:
     env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     env["PATH"] = str(wheel / "bin")
@@ -81,26 +74,6 @@ def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) ->
                 assert (lib / inside / path.relative_to(top)).read_bytes() == path.read_bytes()
     (entries,) = lib.glob("*.dist-info/entry_points.txt")
     assert "automcm = automcm_cli.__main__:main" in entries.read_text()
-
-
-@pytest.mark.slow
-def test_a_station_and_a_log_are_judged_without_java_and_repository(wheel: Path) -> None:
-    assert automcm(wheel, "--version").stdout == f"automcm {PROJECT['project']['version']}\n"
-
-    cases = ("AMCM/STA/ADV/BV-01", "AMCM/STA/ADV/BI-01")
-    run = automcm(wheel, "conform", "run", *cases, "--out", "out", "--", "automcm", "adapter")
-    assert run.returncode == 0 and "2 of 2 MUST cases pass" in run.stdout, run.stderr
-    assert json.loads((wheel / "cwd/out/report.json").read_text())
-    assert (wheel / "cwd/out/report.html").exists()
-
-    log = shutil.copy(LOG, wheel / "cwd")
-    explained = automcm(wheel, "trace", "explain", str(log))
-    assert explained.returncode == 1 and "by ADV-5" in explained.stdout, explained.stderr
-
-    vectors = automcm(wheel, "vectors", "check")
-    assert vectors.returncode == 0 and "success" in vectors.stdout, vectors.stderr
-    station = automcm(wheel, "station", "--help")
-    assert station.returncode == 0 and "Run one station" in station.stdout
 
 
 def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:

@@ -287,15 +287,6 @@ def test_a_station_with_keys_and_one_without_are_told_once_why_nobody_answers(fo
     ]
 
 
-@pytest.mark.slow
-def test_a_second_process_with_the_same_keys_does_not_start(folder: Path) -> None:
-    with road(folder) as on:
-        station(on, folder, 1).until(event="start")
-        words = ["--id", 1, "--via", on.via, "--for", 1, "--keys", folder / "1"]
-        done = automcm_process("station", *words)
-    assert done.returncode == 3 and "station_id 1 is in use by another station" in done.stderr
-
-
 def test_a_station_with_an_expired_certificate_does_not_start(folder: Path) -> None:
     made("issue", folder / "authority", folder / "3", "--id", 3, "--days", 0)
     assert automcm("keys", "show", folder / "3").exit_code == 1

@@ -124,22 +124,6 @@ def answer(c):
     assert of(found, ACCEPTS).verdict in ("PASS", "INCONC")
 
 
-@pytest.mark.slow
-def test_a_timer_that_is_not_armed_is_blamed_on_its_expiry(conform: Suite) -> None:
-    first = """
-from automcm.core import station as station_
-armed = station_.armed
-station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "hold"]
-"""
-    expiry = "AMCM/RCV/ADV/TI-02"
-    found = conform(station(first=first), expiry, "AMCM/RCV/ADV/BV-01", states=60)
-    case = of(found, expiry)
-    assert (
-        case.verdict == "FAIL" and "the timer hold lasts too long, or is not armed" in case.reason
-    )
-    assert {failure.rule for failure in case.failures} == {"ADV-7"}
-
-
 # -- what changes something in secret
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cli_stage
 import pytest
 from cli_stage import automcm
 from replay_stage import REFERENCE, STATIONS, Json, edited, records, replay, same, verdict, written
@@ -40,20 +39,6 @@ def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: 
         [(r["t_ms"], r["ev"], r.get("message"), r.get("command")) for r in x] for x in (old, new)
     ]
     assert told[0] == told[1]
-
-
-@pytest.mark.slow
-def test_the_same_replay_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None:
-    first = replay(logs / "1002.ndjson", cli_stage.REFERENCE, tmp_path / "a")[1]["log"]
-    again = replay(logs / "1002.ndjson", cli_stage.REFERENCE, tmp_path / "b")[1]["log"]
-    assert Path(first).read_bytes() == Path(again).read_bytes()
-
-
-@pytest.mark.slow
-def test_a_replayed_log_can_be_replayed(logs: Path, tmp_path: Path) -> None:
-    first = replay(logs / "1001.ndjson", REFERENCE, tmp_path)[1]["log"]
-    code, result = replay(Path(first), REFERENCE, tmp_path)
-    assert (code, same(result)) == (0, True) and result["log"] != first
 
 
 def test_own_sessions_of_the_log_are_renamed(logs: Path, tmp_path: Path) -> None:
