@@ -1,4 +1,5 @@
-"""Small cells of every experiment, and their results: ``fixed_cells.json``; the committed reports.
+"""Small cells of every experiment and of traffic, and their results: ``fixed_cells.json``; the
+committed reports.
 
 To renew the results after a change that is meant to change them: ``python fixed_cells.py``.
 """
@@ -6,11 +7,17 @@ To renew the results after a change that is meant to change them: ``python fixed
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from traffic_stage import traffic
+
 from automcm_evaluation.sweeps import report, sweep
+from automcm_simulation.traffic.seen_from_above import Frames
+from automcm_simulation.traffic.traffic_scenario import TrafficSetting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 
 EVALUATION = Path(__file__).parents[2] / "docs" / "evaluation"
 FILE = Path(__file__).with_suffix(".json")
@@ -35,7 +42,21 @@ def rounded(value: Any) -> Any:
 
 
 def result(cell: dict[str, Any]) -> Any:
-    return rounded(sweep.run_cell(cell["experiment"], cell["values"], 1))
+    """Of a cell of an experiment, of a run of traffic on the small road, or the road users that a
+    scenario draws."""
+    match cell:
+        case {"experiment": name, "values": values}:
+            found = sweep.run_cell(name, values, 1)
+        case {"traffic": setting}:
+            frames = Frames()
+            made, _ = traffic(**setting, observe=frames.add)
+            made.run()
+            found = made.record() | {"frames": json.loads(frames.as_json())["frames"][:4]}
+        case {"users": name, "setting": setting}:
+            found = [asdict(user) for user in SCENARIOS[name].users(TrafficSetting(**setting))]
+        case _:
+            raise ValueError(f"no such cell: {cell}")
+    return rounded(json.loads(json.dumps(found)))
 
 
 if __name__ == "__main__":

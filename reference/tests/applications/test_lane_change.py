@@ -80,16 +80,6 @@ def two(
     return prescriber, receiver
 
 
-def test_neg_7_a_refusal_leads_to_a_gentler_proposal() -> None:
-    prescriber, receiver = two(Limits(acceleration=2.2, deceleration=2.2))
-    assert [w for w in said(prescriber) if "prescribes" in w] == [
-        "prescribes 3 to drive 20 km/h slower",
-        "prescribes 3 to drive 14 km/h slower",
-    ]
-    assert said(receiver)[:2] == ["refuses: acceleration", "accepts to drive slower"]
-    assert prescriber.vehicle.lane == 1
-
-
 def test_neg_7_three_refusals_and_it_stays() -> None:
     prescriber, receiver = two(Limits(acceleration=0.1, deceleration=0.1))
     assert sum("refuses" in what for what in said(receiver)) == 3
@@ -101,18 +91,6 @@ def test_act_1_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> N
     assert receiver.vehicle._profile is None and "moves over" not in said(prescriber)
     assert said(prescriber)[-1] == said(receiver)[-1] == "drives alone: cam_loss"
     assert prescriber.vehicle.lane == 0 and receiver.vehicle.speed == pytest.approx(8.33, abs=0.1)
-
-
-def test_end_1_what_is_begun_is_ended_by_the_planner_on_board() -> None:
-    prescriber, _ = two(cut_ms=9500)
-    assert "moves over" in said(prescriber) and "drives alone: cam_loss" in said(prescriber)
-    assert prescriber.vehicle.lane == 1 and not prescriber.vehicle.changing
-
-
-def test_kin_5_a_trajectory_too_short_to_gain_the_gap_is_given_up() -> None:
-    prescriber, receiver = two(gain_m=5000.0, until=12)
-    assert any(what.startswith("gives up") for what in said(prescriber))
-    assert said(receiver)[-1] == "drives alone: abort"
 
 
 class Odd(LaneChange):
@@ -171,18 +149,6 @@ def test_kin_5_it_waits_for_the_gap_however_uneven_the_plan_is() -> None:
     behind = np.interp(end, theirs.t, theirs.arc()) - np.interp(end, wanted.t, wanted.arc())
     assert behind == pytest.approx(plan.gain_m, abs=0.01)
     assert end > 3.1 + plan.hold_s + plan.gain_m / plan.delta_v + 1
-
-
-def test_adv_1_a_second_signal_changes_nothing() -> None:
-    prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33))
-    receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
-    drive = SimulatedDrive([prescriber, receiver])
-    for t, lane in ((1000, 1), (3000, 2), (5000, 0), (6000, 1)):
-        drive.simulation.clock.at(t, lambda lane=lane: prescriber.signal(lane))  # type: ignore[misc]
-    drive.run(30)
-    assert prescriber.vehicle.lane == 1 and prescriber.vehicle.y == LANE_WIDTH
-    assert said(receiver)[-1] == "is done"
-    assert said(prescriber).count("moves over") == 1
 
 
 def test_end_7_after_a_refused_request_it_may_ask_again() -> None:

@@ -14,7 +14,6 @@ from automcm_simulation.road.drive import SimulatedDrive, arrival_s
 from automcm_simulation.road.road import Sample
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Verify
-from automcm_spec.vocabulary.parameters import Parameters
 
 # -- two other applications on the same service
 
@@ -95,12 +94,6 @@ def test_merge_without_conflict_needs_no_prescription() -> None:
     drive = driven(on_ramp.signal, on_ramp, far, until=25)
     assert said(far) == ["drives alone: not_needed"] and on_ramp.vehicle.lane == 1
     assert min(sample.speed for sample in drive.road.of(2)) > 9
-
-
-def test_merge_a_delay_that_is_too_long_is_refused() -> None:
-    on_ramp, other = ramp_and_road(-1, joins_m=40, slowest=0.99)
-    driven(on_ramp.signal, on_ramp, other, until=15, parameters=Parameters(t_timeout=500))
-    assert said(other)[-1] == "drives alone: no_agreement"
 
 
 def test_a_sample_between_two_steps() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from road_stage import driven, said, stands
 
-from automcm.applications.lane_change import WAIT_MS, planned
-from automcm.applications.occupancy import LEAST_M, Seen
+from automcm.applications.lane_change import WAIT_MS
+from automcm.applications.occupancy import Seen
 from automcm.applications.ramp_merge import Merge, Ramp
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.service.application import heard_by
@@ -16,7 +16,6 @@ from automcm_simulation.road.drive import SimulatedDrive
 from automcm_simulation.road.occupancy_sweep import (
     CamOnly,
     DoesNotSlow,
-    room,
     sight,
 )
 
@@ -73,29 +72,6 @@ def test_app_4_it_does_not_merge_before_a_target_that_does_not_slow() -> None:
     stands(drive_, on_ramp)
 
 
-@pytest.mark.parametrize("stays", [False, True])
-def test_app_4_after_proceed_it_waits_for_a_place_and_looks(stays: bool) -> None:
-    """The vehicle is seen only after the choice."""
-    on_ramp, beside = ramp_car(), car(3, 2, 10) if stays else car(3, -60, 16)
-    drive_ = SimulatedDrive([on_ramp, waits(-90)], others=[beside])
-    clock, see = drive_.simulation.clock, sight(on_ramp.vehicle, [beside])
-    on_ramp.occupied = lambda *region: see(*region) if clock.now() > 9000 else []
-    clock.at(100, on_ramp.signal)
-    drive_.run(60)
-    assert "nobody is in the way" in said(on_ramp)
-    if stays:
-        assert said(on_ramp)[-1] == "gives up: a vehicle that is only seen is in the way"
-        stands(drive_, on_ramp)
-    else:
-        assert (
-            said(on_ramp)[-1] == "has changed lanes"
-            and room(drive_, drive_.road.vehicles[0]) > LEAST_M
-        )
-        joined_ms = next(s.t for s in drive_.road.of(1) if s.x >= RAMP.joins_m) * 1000
-        moved_ms = next(t for t, what in on_ramp.story if what == "moves over")
-        assert 0 < moved_ms - joined_ms < WAIT_MS
-
-
 @pytest.mark.parametrize(("after_ms", "lane"), [(500, 0), (2900, 0), (3200, 1)])
 def test_app_5_it_returns_to_the_ramp_and_stops_or_completes(after_ms: int, lane: int) -> None:
     on_ramp, target = ramp_car(), Merge(car(3, -2, 10), RAMP)
@@ -127,17 +103,6 @@ def test_a_ramp_that_is_too_short_to_return_to_is_not_left() -> None:
     stands(drive_, on_ramp)
 
 
-def test_a_vehicle_that_has_merged_may_be_asked_to_slow_down() -> None:
-    """Its own ramp no longer matters."""
-    on_ramp = ramp_car()
-    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=25)
-    asked = planned(on_ramp.vehicle, 25_000)
-    on_ramp.vehicle.follow(asked)
-    drive_.run(40)
-    assert on_ramp.vehicle._profile is asked
-    assert on_ramp.vehicle.x > RAMP.joins_m + RAMP.length_m
-
-
 def test_app_2_who_comes_earlier_but_is_not_clear_is_asked() -> None:
     on_ramp, slower = ramp_car(), Merge(car(2, 30, 9), RAMP)
     drive_ = driven(on_ramp.signal, on_ramp, slower, until=4)
@@ -149,16 +114,6 @@ def test_app_2_who_comes_later_but_is_not_clear_is_not_asked_to_come_earlier() -
     drive_ = driven(on_ramp.signal, on_ramp, faster, until=4)
     assert "Prescription" not in [t for _, station, t in drive_.sent if station == 1]
     assert said(on_ramp)[-1] == "gives up: 2 is in the way"
-
-
-def test_it_does_not_merge_before_the_ramp_joins_even_if_it_is_late() -> None:
-    on_ramp = ramp_car()
-    drive_ = SimulatedDrive([on_ramp, waits(-90)])
-    drive_.simulation.clock.at(100, on_ramp.signal)
-    drive_.simulation.clock.at(4000, lambda: setattr(on_ramp.vehicle, "desired", 9))
-    drive_.run(25)
-    assert said(on_ramp)[-1] == "has changed lanes"
-    assert next(s.x for s in drive_.road.of(1) if s.y > 0) > RAMP.joins_m
 
 
 def test_app_3_an_answer_does_not_count_after_proceed() -> None:

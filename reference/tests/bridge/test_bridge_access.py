@@ -112,8 +112,3 @@ def test_what_is_no_token(bad: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
         access.read_token(None)
     with pytest.raises(LinkError, match=r"^token: a token must be"):
         WebSocketBridge(token=bad)
-
-
-def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(LinkError, match="No such file"):
-        access.read_token(tmp_path / "none")

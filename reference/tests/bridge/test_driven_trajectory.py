@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import math
-import random
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 import pytest
-from bridge_stage import BRIDGED, OTHER, Operator, here
 from hypothesis import given
 from hypothesis import strategies as st
 
 from automcm.bridge import autoware, driven_trajectory
 from automcm.bridge.driven_trajectory import own_trajectory, timed_trajectory
-from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.encoding.codec import FRAME_BYTES
-from automcm.kernels.convert import V_EPS
 from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.service.application import Kinematics
-from automcm_simulation.road.simulation import Simulation
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.messages import Intention, MessageError, Trajectory, encode
 
 PLACE = "msg.trajectory"
@@ -179,44 +173,3 @@ def test_kin_2_what_cannot_be_thinned_is_refused(monkeypatch: pytest.MonkeyPatch
     ):
         with pytest.raises(MessageError, match=f"^{PLACE}: budget: too small"):
             refused(curve(300))
-
-
-def test_kin_2_what_fits_is_left_alone() -> None:
-    short = path(*curve(20), times=True)
-    assert timed_trajectory(short, PLACE) == autoware.trajectory(short)
-    assert len(own(*curve(20)).points) == 20
-
-
-def test_two_points_within_a_millisecond() -> None:
-    dice = random.Random(1)
-    xs = [0.0, *accumulate(dice.uniform(0.001, 0.01) for _ in range(50))]
-    way = own(*((x, 0, 30) for x in xs))
-    assert all(before[0] < after[0] for before, after in pairwise(way.points))
-    assert way.points[-1][1] == round(xs[-1] * 1000)
-
-
-@pytest.mark.parametrize("speed", [8.333333015441895, V_EPS / 2])
-def test_a_plan_without_times_over_the_bridge(speed: float) -> None:
-    """In virtual time: the plan that the other station is told, or one clear refusal."""
-    simulation, bridge = Simulation(), WebSocketBridge()
-    other = Straight()
-    asked: list[Any] = []
-    other.choose = asked.append  # type: ignore[method-assign]
-    simulation.add(BRIDGED, bridge)
-    simulation.add(OTHER, other)
-    it = Operator(bridge)
-    simulation.request(OTHER, 500)
-    for now in range(100, 4000, 100):
-        simulation.run(now)
-        it.publish("kinematics", **here(now / 100, 0.0))
-        points = [(x, 0.0, speed) for x in range(-5, 100, 5)]
-        it.publish("plan", scenarios=["lane_change"], trajectory=path(*points).model_dump())
-    if speed < V_EPS:
-        assert not asked and "no longitudinal_velocity_mps" in it.statuses()[0]
-        return
-    first = asked[0].planned[BRIDGED]
-    assert it.statuses() == [] and first.t0 == first.points[0][1] / 10
-    assert all(
-        after[0] - before[0] == pytest.approx((after[1] - before[1]) / speed, abs=1.01)
-        for before, after in pairwise(first.points)
-    )

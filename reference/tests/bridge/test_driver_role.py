@@ -50,20 +50,6 @@ def test_a_driver_that_was_silent_gets_the_role_back() -> None:
     assert road.run(60_000, "first", "second") == {"first"}
 
 
-def test_not_within_a_session() -> None:
-    road = Road("first", "second")
-    road.run(500, "first")
-    road.run(SILENCE, "second")
-    road.clients["second"].publish("request", scenario="lane_change")
-    assert road.service.state.bound
-    while road.service.state.bound:
-        assert road.run(EACH, "first", "second") == {"second"}
-    session = (BRIDGED, 1)
-    assert road.bridge._ended == session, "it ended by itself, and not because of the driver"
-    road.run(RETURN, "first", "second")
-    assert road.run(EACH, "first", "second") == {"first"}
-
-
 def test_a_session_ends_first_however_steady_the_holder() -> None:
     role = DriverRole(LOST, RETURN)
     role.publish("first", 0, False)
@@ -134,19 +120,6 @@ def test_the_role_cannot_flap(seed: int) -> None:
         role.publish("second", now, False)
     assert 1 <= taken <= math.log2(hours * 3_600_000 / RETURN + 1)
     assert lives
-
-
-async def test_over_sockets_a_name_is_known_again() -> None:
-    bridge = WebSocketBridge(port=0, return_ms=200)
-    async with World(Recorder(), bridge) as world:
-        async with client(world, "state", name="first") as it:
-            await it.until("state", driver=True)
-        async with client(world, "state", name="second") as second:
-            await second.until("state", driver=True)
-            async with client(world, name="first"):
-                await holds(lambda: bridge._role.driver == "first")
-                assert "another connection is the driver" in await second.status()
-            await holds(lambda: bridge._role.driver == "second")
 
 
 async def test_a_client_leaves_with_its_last_connection() -> None:

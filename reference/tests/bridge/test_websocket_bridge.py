@@ -138,18 +138,6 @@ async def test_reconnects_and_learns_that_it_has_fallen_back() -> None:
     assert told["session"] == {"prescriber": OTHER, "number": 1}
 
 
-async def test_reconnects_and_goes_on() -> None:
-    other = Recorder(maneuver_ms=60_000)
-    async with World(other) as world:
-        async with client(world, "state", "drive", "proposal") as it:
-            before = await committed(world, it)
-        async with client(world, "drive") as it:
-            assert await it.until("drive", mode="coordinated") == before
-            await holds(lambda: other.names() == ["load"])
-            world.other.command(other.told[0][1].complete())
-            await it.until("drive", mode="alone", reason="finished")
-
-
 async def test_an_open_question_is_asked_again() -> None:
     async with World(Recorder(maneuver_ms=60_000)) as world:
         async with client(world, "state", "proposal") as it:
@@ -324,15 +312,3 @@ def test_an_id_ends_one_subscription(ended: dict[str, str], left: bool) -> None:
         it.op(op="subscribe", topic=topic, id=str(n))
     it.op(op="subscribe", topic=topic, id=7)
     assert [status[:8] for status in it.statuses()] == ["id: more", "id: must"]
-
-
-async def test_one_connection_drives() -> None:
-    async with World(Recorder()) as world, client(world, "state", drives=False) as watcher:
-        async with client(world, "state") as it:
-            await it.until("state", driver=True)
-            await watcher.publish("request", scenario="lane_change")
-            assert "another connection is the driver" in await watcher.status()
-            await watcher.until("state", phase="STANDALONE", driver=True)
-        await watcher.until("state", driver=False)
-        await watcher.publish("request", scenario="lane_change")
-        await watcher.until("state", phase="ADVERTISING", driver=True)

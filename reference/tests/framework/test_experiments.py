@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,9 @@ from pydantic import Field
 
 from automcm_evaluation.framework import experiment
 from automcm_evaluation.framework.experiment import (
-    Cell,
     Experiment,
     ExperimentError,
     Settings,
-    chosen,
 )
 from automcm_evaluation.framework.intervals import mean, quantile, wilson
 from automcm_evaluation.sweeps import catalogue, report, sweep
@@ -150,23 +148,6 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same(dice: Thrown, tmp_path:
     assert dice.ran == [6, 20, 6, 20]
 
 
-def test_again_repeats_what_is_asked_and_keeps_the_others(tmp_path: Path) -> None:
-    ran: list[int] = []
-
-    def square(values: Json) -> Json:
-        ran.append(values["n"])
-        return {"run": len(ran)}
-
-    def finish(numbers: Sequence[int], again: bool = False) -> list[Json]:
-        wanted = [{"n": n} for n in numbers]
-        cells = sweep.finish(wanted, square, {"of": "it"}, tmp_path, workers=1, again=again)
-        return [cell.result for cell in cells]
-
-    finish((1, 2, 3))
-    assert finish((2,), again=True) == [{"run": 4}]
-    assert finish((1, 2, 3)) == [{"run": 1}, {"run": 4}, {"run": 3}] and ran == [1, 2, 3, 2]
-
-
 def test_a_process_that_breaks_off_is_named(tmp_path: Path) -> None:
     """As when a library crashes: the sweep says in which cell, and keeps what is finished."""
     wanted = [{"code": code} for code in (0, 0, 9)]
@@ -280,33 +261,11 @@ def test_large_results_are_compressed(
     assert report.results(tmp_path) == [packed]
 
 
-def test_the_same_is_written_whatever_order_names_come_in(dice: Thrown, tmp_path: Path) -> None:
-    def turned(value: Json) -> Json:
-        return dict(reversed(value.items())) if isinstance(value, dict) else value
-
-    made = run(dice, tmp_path, throws=4, sides=[6])
-    cells = [{name: turned(value) for name, value in cell.items()} for cell in made["cells"]]
-    other = made | {"cells": cells, "settings": turned(made["settings"])}
-    assert other["cells"][0]["values"] == made["cells"][0]["values"]
-    assert report.table(other) == report.table(made)
-    assert report.page(other) == report.page(made)
-
-
-def test_a_changed_setting_stands_in_the_command(dice: Thrown, tmp_path: Path) -> None:
-    assert "--seed 1 --set throws=4`" in report.page(run(dice, tmp_path, throws=4))
-
-
 @pytest.mark.parametrize("text", ["", "{}", '{"experiment": "dice", "cells": [1]}'])
 def test_what_is_no_report_is_named(dice: Thrown, tmp_path: Path, text: str) -> None:
     (tmp_path / "results.json").write_text(text)
     with pytest.raises(ExperimentError, match=r"results\.json: not a report"):
         report.load(tmp_path / "results.json")
-
-
-def test_chosen_cells() -> None:
-    cells = [Cell({"a": a, "b": b}, {}) for a in (1, 2) for b in (1, 2)]
-    assert [cell.values for cell in chosen(cells, a=1)] == [{"a": 1, "b": 1}, {"a": 1, "b": 2}]
-    assert chosen(cells, a=3) == []
 
 
 def test_wilson_against_published_values() -> None:

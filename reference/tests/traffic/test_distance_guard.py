@@ -38,31 +38,11 @@ def limit(other: Body, size: tuple[float, float] = CAR, kind: str = "vehicle") -
     return limits({1}, {1: body(0.0, speed=10.0), 2: other}, users, SIGHT_M).get(1)
 
 
-def test_who_is_far_enough_ahead_is_left_to_the_distance_control() -> None:
-    assert limit(body(20.0)) is None, "10 m/s end within 6.25 m"
-    assert limit(body(9.0)) is not None
-    assert limit(body(9.0, speed=10.0)) is None, "it brakes no harder"
-
-
 def test_a_rear_that_is_in_the_way_counts() -> None:
     """SUMO takes the lorry for one whose sides are along the lane."""
     aside = 2.5 / 2 + 1.8 / 2 + 0.3
     assert limit(body(14.0, aside), LORRY) is None
     assert limit(body(14.0, aside, heading=0.1), LORRY) is not None
-
-
-@pytest.mark.parametrize(
-    ("other", "kind"),
-    [
-        (body(-9.0), "vehicle"),
-        (body(9.0, 3.5), "vehicle"),
-        (body(9.0, heading=3.1), "vehicle"),
-        (body(9.0), "person"),
-    ],
-)
-def test_others_do_not_count(other: Body, kind: str) -> None:
-    """Who is behind, beside, oncoming, or walks: the applications and SUMO see to them."""
-    assert limit(other, kind=kind) is None
 
 
 def test_only_those_asked_for_are_limited() -> None:
@@ -77,13 +57,6 @@ def test_only_those_asked_for_are_limited() -> None:
 def test_a_limit_asks_for_no_harder_braking_than_the_hardest() -> None:
     """Whoever comes into the way too late is hit, but the limit can be kept."""
     assert limit(body(5.0)) == 10.0 - AUTOMATED.hardest * STEP_S
-
-
-@pytest.mark.parametrize("places", [(11.5, 12.0), (12.0, 11.5)])
-def test_the_nearest_counts(places: tuple[float, float]) -> None:
-    users = {n: user(n) for n in (1, 2, 3)}
-    bodies = {1: body(0.0, speed=10.0), 2: body(places[0]), 3: body(places[1])}
-    assert limits({1}, bodies, users, SIGHT_M) == {1: limit(body(11.5))}
 
 
 def test_who_is_beyond_the_sensors_does_not_count() -> None:

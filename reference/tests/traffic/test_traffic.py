@@ -6,26 +6,23 @@ import json
 import math
 import sys
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from traffic_stage import TWO, RoadMover, traffic
+from traffic_stage import traffic
 
 from automcm.applications.lane_change import LaneChange
 from automcm.applications.vehicle import STRAIGHT
 from automcm.encoding.codec import JSON
 from automcm.kernels.trajectory import Trajectory
 from automcm.service.service import McService
-from automcm_simulation.traffic import distance_guard
 from automcm_simulation.traffic.even_radio import EvenRadio
 from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
-from automcm_simulation.traffic.seen_from_above import Frames
 from automcm_simulation.traffic.shared_codec import SharedCodec
-from automcm_simulation.traffic.traffic_measures import Histogram, overlaps, time_to_collision
+from automcm_simulation.traffic.traffic_measures import overlaps, time_to_collision
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic.traffic_service import TrafficService
 from automcm_simulation.traffic.traffic_vehicle import Sight
@@ -39,37 +36,12 @@ from automcm_spec.vocabulary.messages import Cam, MessageError
 CAR = RoadUser(number=1, route=("road",), lane=0, at_m=0.0, speed=20.0, desired=25.0, equipped=True)
 
 
-def test_vehicles_agree_and_change_lanes_as_the_mover_drives_them() -> None:
-    made, mover = traffic(seed=3, vehicles=8)
-    made.run()
-    record = made.record()
-    assert record["collisions"]["all"] == 0 and record["hazards"]["wrong"] == []
-    assert record["radio"]["received"] > 1000 and 30 < record["radio"]["longest_delay_ms"] <= 40
-    sessions = record["sessions"]
-    assert sessions["requested"] >= sessions["agreed"] >= sessions["completed"] > 0
-    assert record["outcome"]["signals"] > sessions["requested"] == len(made.stations.began)
-    assert sessions["ended"].get("abort", 0) == record["outcome"]["gives up"]
-    assert record["outcome"]["has changed lanes"] > 0
-    for number, vehicle in made.vehicles.items():
-        assert vehicle.s == mover.bodies()[number].x, "the application sees where the mover is"
-
-
 @pytest.mark.parametrize(("longest_ms", "bound"), [(40, 1540), (45, 1545), (70, 1549)])
 def test_t_2_s_bound_has_the_longest_delay_of_the_radio(longest_ms: int, bound: int) -> None:
     made, _ = traffic(vehicles=2, duration_s=1)
     made.run()
     made.stations.links.longest_ms = longest_ms
     assert made.record()["hazards"]["bound_ms"] == bound
-
-
-def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
-    logs, records = [], []
-    for name in "ab":
-        made, _ = traffic(seed=5, vehicles=4, loss=0.3, duration_s=8, logs=tmp_path / name)
-        made.run()
-        records.append(json.dumps(made.record()))
-        logs.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
-    assert logs[0] == logs[1] and len(logs[0]) == 4 and records[0] == records[1]
 
 
 def test_a_log_leaves_out_cams_that_cannot_count(tmp_path: Path) -> None:
@@ -104,13 +76,6 @@ def test_who_leaves_the_road_is_off_the_air() -> None:
     assert 900 < before < 1200 and made.stations.down == {2}
 
 
-def test_who_has_left_signals_no_more() -> None:
-    made, mover = traffic(seed=3, vehicles=3)
-    mover.gone.update((1, 2, 3))
-    made.run()
-    assert made.record()["outcome"]["signals"] == 0
-
-
 @pytest.mark.parametrize("scenario", [Ramps("merge", unit=False), Intersection()])
 def test_who_has_passed_and_left_the_road_has_merged_or_turned(scenario: Any) -> None:
     mover = SimpleNamespace(bodies=dict, line=lambda route: STRAIGHT)
@@ -141,13 +106,6 @@ def test_adv_9_a_cam_closes_the_window_as_in_any_service() -> None:
     assert len(asked) > cams / 2 > 10
 
 
-def test_only_equipped_vehicles_have_a_station() -> None:
-    made, _ = traffic(seed=2, vehicles=20, penetration=0.5, duration_s=1)
-    equipped = {n for n, user in made.users.items() if user.equipped}
-    assert set(made.stations.services) == equipped and 4 < len(equipped) < 16
-    assert traffic(vehicles=3, penetration=0)[0].stations.services == {}
-
-
 def test_a_road_side_unit_is_a_station_that_stands() -> None:
     made, _ = traffic(vehicles=2, duration_s=2)
     unit = LaneChange(replace(made.vehicles[1], station_id=99))
@@ -166,50 +124,6 @@ def test_a_control_drives_the_prescribed_speeds_within_its_limits() -> None:
     assert found[1:3] == pytest.approx([20.0 - 0.1, 20.0 - 0.2]) and found[0] is found[3] is None
     vehicle.speed = 5.0
     assert vehicle.set_speed(1.0) == pytest.approx(5.0 + 0.15)
-
-
-def test_the_mover_gets_the_prescribed_speed_of_a_receiver() -> None:
-    made, mover = traffic(seed=3, vehicles=8)
-    told: list[tuple[int, float]] = []
-    control = mover.control
-
-    def watch(number: int, speed: float | None, aside: float, limit: float | None = None) -> None:
-        control(number, speed, aside, limit)
-        if speed is not None:
-            told.append((number, speed))
-
-    mover.control = watch  # type: ignore[method-assign]
-    made.run()
-    assert {number for number, _ in told} <= set(made.users) and len(told) > 20
-
-
-def test_nobody_exceeds_the_limit_of_the_distance_guard(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: set[int] = set()
-
-    def limits(of: set[int], *rest: object) -> dict[int, float]:
-        asked.update(of)
-        return dict.fromkeys(of, 1.0)
-
-    monkeypatch.setattr(distance_guard, "limits", limits)
-    made, mover = traffic(seed=3, vehicles=8)
-    made.run()
-    assert asked == {number for number, user in made.users.items() if user.equipped} != set()
-    assert max(mover.bodies()[number].speed for number in asked) <= 1.0
-
-
-# -- the radio
-
-
-@pytest.mark.parametrize("loss", [0.0, 0.3, 1.0])
-def test_the_even_radio_loses_its_share(loss: float) -> None:
-    radio = EvenRadio(loss, 7)
-    radio.move({n: (0.0, 0.0) for n in range(1, 102)})
-    for frame in range(20):
-        radio.transmit(1, 100, frame, frame)
-    found = radio.advance(200)
-    received = sum(len(arrival.receivers) for arrival in found)
-    assert abs(received / 2000 - (1 - loss)) < 0.03 and found == sorted(found)
-    assert radio.advance(300) == []
 
 
 # -- perception
@@ -300,14 +214,6 @@ def test_hard_braking_counts_once_over_half_a_second(brakes: float, counted: int
     assert measures.hard_brakings["others"] == counted
 
 
-def test_a_histogram_has_percentiles() -> None:
-    counts = Histogram(0.5, 10)
-    assert counts.percentile(0.5) is None
-    counts.add(np.array([0.1, 0.2, 0.6, 99.0]))
-    assert (counts.percentile(0.5), counts.percentile(0.75), counts.greatest) == (0.5, 1.0, 99.0)
-    assert counts.percentile(1.0) == 5.0
-
-
 # -- settings, frames, codec
 
 
@@ -326,30 +232,6 @@ def test_bad_settings_are_named() -> None:
         TrafficRun(scenario="lane-change", loss=2)
     with pytest.raises(ValueError, match="loss is a setting of the radio 'even'"):
         TrafficRun(scenario="lane-change", radio="table", loss=0.1)
-
-
-def test_vehicles_start_apart_and_no_draw_shifts_another() -> None:
-    setting = TrafficSetting(seed=4, vehicles=60, density=60)
-    users = TWO.users(setting)
-    assert sorted(user.number for user in users) == list(range(1, 61))
-    for lane in (0, 1):
-        there = sorted((u for u in users if u.lane == lane), key=lambda u: u.at_m)
-        for rear, front in pairwise(there):
-            gap = front.at_m - front.length - rear.at_m
-            assert gap >= 2 + 1.2 * rear.speed - 1e-9, "it need not brake"
-        metres = there[-1].at_m - there[0].at_m
-        assert 25 < 1000 * (len(there) - 1) / metres < 35, "30 a km in each of two lanes"
-    half = TWO.users(replace(setting, penetration=0.5))
-    assert [replace(user, equipped=True) for user in half] == users
-
-
-def test_frames_have_everybody_every_second_step() -> None:
-    frames = Frames()
-    made, _ = traffic(vehicles=3, duration_s=1, observe=frames.add)
-    made.run()
-    found = json.loads(frames.as_json())
-    assert found["every_ms"] == 200 and len(found["users"]) == 3
-    assert [frame["number"] for frame in found["frames"]] == [[1, 2, 3]] * 6
 
 
 def test_a_shared_codec_decodes_once_and_refuses_each_time() -> None:
@@ -391,10 +273,3 @@ def test_a_run_ends_ns3_also_after_an_error(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(TrafficError, match="SUMO is missing"):
         TrafficRun(scenario="lane-change", radio="ns3", setting=TrafficSetting(seed=6)).drive()
     assert (seeds, closed) == ([6], [True])
-
-
-def test_the_stage_is_a_mover() -> None:
-    from automcm_simulation.traffic.mover import Mover
-
-    mover: Mover = RoadMover([CAR])
-    assert list(mover.bodies()) == [1]

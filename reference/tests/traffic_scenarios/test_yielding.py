@@ -9,11 +9,9 @@ from road_stage import answers_of, driven, rows
 
 from automcm.applications.occupancy import Seen
 from automcm.applications.vehicle import STRAIGHT, Vehicle
-from automcm.links.simulated_radio import Channel
 from automcm.service.application import Advertised, Proposal
 from automcm_simulation.road.drive import SimulatedDrive
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
-from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.intersection_traffic import (
     APART_S,
     LINE,
@@ -25,7 +23,6 @@ from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
 from automcm_simulation.traffic_scenarios.yielding import (
     PATIENCE_MS,
     Yielding,
-    arrival_in,
     arriving,
 )
 from automcm_spec.vocabulary import messages
@@ -65,26 +62,6 @@ def test_the_first_in_the_window_arrives_later_and_the_others_follow(tmp_path: P
     assert [verdict.verdict for verdict in verdicts] == ["allowed"] * 4
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_agreement_is_reached_over_a_radio_that_loses(seed: int) -> None:
-    other = car(2, 0)
-    drive = driven(
-        lambda: None, Asks(9000, 20_000), other, until=35, seed=seed, channel=Channel(loss=0.3)
-    )
-    agreed = "yields" in [what for _, what in other.story]
-    assert not agreed or passes_s(drive, 2) >= 19.5 or "finished" not in other.ended
-
-
-def test_after_a_fallback_it_drives_alone_again() -> None:
-    unit, other = Asks(9000, 20_000), car(2, 0)
-    drive = SimulatedDrive([unit, other])
-    drive.run(6)
-    assert other.vehicle.speed < 9
-    drive.simulation.radio.partition({1}, {2})
-    drive.run(16)
-    assert other.ended == ["cam_loss"] and other.vehicle.speed > 9.5
-
-
 @pytest.mark.parametrize(
     "prescribed",
     [
@@ -122,10 +99,6 @@ def test_who_cannot_stop_before_the_place_or_does_not_pass_it_does_not_answer() 
     )
     for details in wrong:
         assert driver.concerned(Advertised((1, 1), "test", details, None)) is None
-
-
-def test_a_trajectory_gives_its_way_and_time() -> None:
-    assert arrival_in(arriving(500, 20.0, 3000)) == (20.0, 3500)
 
 
 def test_a_left_turn_waits_for_whoever_comes_and_not_for_who_has_passed() -> None:
@@ -192,15 +165,3 @@ def test_more_vehicles_than_the_road_has_room_for_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=r"^vehicles: .* (the road has 12 km|have no room for)"):
         TrafficRun(scenario=name, setting=setting)
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_the_same_setting_gives_the_same_users_apart_from_each_other(name: str) -> None:
-    setting = TrafficSetting(seed=4, vehicles=20, density=80)
-    users = SCENARIOS[name].users(setting)
-    assert users == SCENARIOS[name].users(setting)
-    assert len({user.number for user in users}) == len(users) and min(u.at_m for u in users) >= 0
-    for a in users:
-        for b in users:
-            if a is not b and (a.route, a.lane) == (b.route, b.lane):
-                assert abs(a.at_m - b.at_m) > min(a.length, b.length)

@@ -11,8 +11,8 @@ import pytest
 
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.support.paths import TLA
-from automcm_spec.vocabulary.rules import RULES, cited, handler, line, operators
-from automcm_spec.vocabulary.station import Command, Expire, Message, Receive, Station
+from automcm_spec.vocabulary.rules import RULES, handler, line, operators
+from automcm_spec.vocabulary.station import Command, Message, Receive, Station
 
 INITIAL = Station(3, 1, 5, 4).initial
 REQUEST = Command("command", "request", (0, 0), 0, 0)
@@ -70,13 +70,6 @@ def test_paths_lead_where_they_say(one_peer: oracle.Oracle) -> None:
         assert state == n
 
 
-def test_what_is_not_in_the_graph_is_a_key_error(one_peer: oracle.Oracle) -> None:
-    with pytest.raises(KeyError):
-        one_peer.ask(INITIAL, Expire("expire", ("hold",)))
-    with pytest.raises(KeyError):
-        one_peer.ask(INITIAL._replace(phase="NOWHERE"), REQUEST)
-
-
 @pytest.mark.slow
 def test_generation_gives_the_same_bytes_twice() -> None:
     tiny = oracle_generation.Graph("tiny", (2,), 1, 1, 1, 3, 1)
@@ -115,15 +108,6 @@ def test_a_graph_of_other_values_than_the_compiled_station_has_is_named() -> Non
     data["states"][0].append(False)
     with pytest.raises(oracle.OracleError, match=r"tight: its values.*make generate"):
         oracle.parse(oracle.dump(data), "tight")
-
-
-def test_a_missing_oracle_is_named(tmp_path: Path) -> None:
-    with pytest.raises(oracle.OracleError, match=r"none\.json\.xz"):
-        oracle.load(tmp_path / "none.json.xz")
-
-
-def test_cited_finds_ids_only() -> None:
-    assert cited("see NEG-4, (END-8) and not XNEG-4 or KIN-1") == {"NEG-4", "END-8"}
 
 
 def test_every_input_goes_to_an_operator_that_is_there(one_peer: oracle.Oracle) -> None:

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -161,18 +160,6 @@ def test_another_tlc_java_or_code_has_all_run_again(
     assert runs.again() == set(NAMES) == runs.again()  # nothing is known of that Java
 
 
-def test_each_source_file_of_the_code_counts(
-    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    code = ModuleType("code")
-    code.__file__ = str(tmp_path / "code.py")
-    Path(code.__file__).write_text("A = 1\n")
-    monkeypatch.setattr(kept_results, "CODE", (*kept_results.CODE, code))
-    assert runs.again() == set(NAMES) and runs.again() == set()
-    Path(code.__file__).write_text("A = 2  # longer\n")
-    assert runs.again() == set(NAMES) and runs.again() == set()
-
-
 def flip(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
@@ -199,14 +186,6 @@ def test_a_damaged_file_is_no_result(what: str, runs: Runs) -> None:
     DAMAGE[what](runs.results / "one_by_two.result")
     assert runs.again() == {"one_by_two"}
     assert runs.again() == set()
-
-
-def test_a_folder_where_the_file_should_be(runs: Runs) -> None:
-    runs.verdicts()
-    path = runs.results / "one_by_two.result"
-    path.unlink()
-    path.mkdir()
-    assert runs.again() == {"one_by_two"} == runs.again()
 
 
 def test_a_result_from_elsewhere_is_judged_by_the_model(runs: Runs) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from automcm_spec.model_checking import toolchain
 from automcm_spec.model_checking.toolchain import OVERRIDE, ToolError
-from automcm_spec.support import paths
 
 
 def test_the_default_needs_nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,8 +94,3 @@ def test_an_archive_is_made_once(
 def test_no_archive_of_another_jar(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(OVERRIDE, "tla2tools.jar")
     assert toolchain.archive() is None
-
-
-def test_the_folders() -> None:
-    assert (paths.TLA / "System.tla").is_file()
-    assert (paths.MODELS / "models.toml").is_file()
