@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from automcm.links import clock as clocks
-from automcm.links.clock import SLEW, AsyncioClock, OffsetClock, VirtualClock
+from automcm.links.clock import SLEW, AsyncioClock
 
 EPOCH_S = 1_700_000_000.0
 
@@ -102,12 +102,3 @@ def test_an_alarm_is_never_early_even_if_the_clock_slows_down(host: Host) -> Non
     host.run(1)
     assert [name for name, _ in rung] == ["first", "second"]
     assert all(begin + 5000 <= at <= begin + 5001 for _, at in rung)
-
-
-def test_an_offset_clock_is_ahead(host: Host) -> None:
-    rung = list[int]()
-    base = VirtualClock()
-    ahead = OffsetClock(base, 700)
-    ahead.at(1000, lambda: rung.append(base.now()))
-    base.run(1000)
-    assert rung == [300] and ahead.now() == 1700

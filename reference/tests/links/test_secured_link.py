@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import json
 import random
 import subprocess
@@ -30,8 +29,7 @@ from security_stage import (
 )
 from service_stage import Jumpy, Noted, Wire, alone
 
-from automcm.encoding.codec import FRAME_BYTES, JSON
-from automcm.links.clock import VirtualClock
+from automcm.encoding.codec import JSON
 from automcm.links.link import LinkError, Receiver
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Channel
@@ -58,10 +56,6 @@ def started(kind: Callable[..., Simulation], **more: Any) -> Any:
     simulation.add(2, Noted())
     simulation.request(1, 2000)
     return simulation
-
-
-def ends(simulation: Simulation) -> list[Any]:
-    return [call for call in simulation.services[2].application.calls if call[:1] == ("finished",)]
 
 
 def test_a_session_on_secured_links_completes_like_another(tmp_path: Path) -> None:
@@ -191,14 +185,6 @@ def test_of_ten_thousand_messages_of_an_attacker_none_takes_effect(
     assert sum(attacked(seed, tmp_path).values()) == 2 * EACH
 
 
-def test_without_its_verifier_the_attack_would_succeed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cose, "verify", lambda signed, key: True)
-    with pytest.raises(AssertionError):
-        attacked(0, tmp_path)
-
-
 def test_what_is_rejected_is_in_the_log_with_the_reason(tmp_path: Path) -> None:
     simulation = started(SecuredSimulation, channel=CHANNEL, logs=tmp_path)
     attacker = simulation.radio.link(666)
@@ -210,28 +196,6 @@ def test_what_is_rejected_is_in_the_log_with_the_reason(tmp_path: Path) -> None:
     assert (line["ev"], line["rejected"], line["tx"]) == ("receive", "unknown_authority", "666:1")
     assert line["t_ms"] == 3005 and explain(read(tmp_path / "1.ndjson")).verdict == "allowed"
     assert simulation.services[1].statistics.as_dict()["rejected"] == {"unknown_authority": 1}
-
-
-class TenMinutesAhead:
-    """The clock of a link whose host is wrong."""
-
-    def __init__(self, clock: VirtualClock) -> None:
-        self._clock = clock
-        self.at = clock.at
-
-    def now(self) -> int:
-        return self._clock.now() + 600_000
-
-
-def test_with_a_clock_ten_minutes_off_there_is_no_session() -> None:
-    simulation = started(SecuredSimulation, channel=CHANNEL)
-    simulation.links[2]._clock = TenMinutesAhead(simulation.clock)
-    simulation.run(UNTIL)
-    one, two = (simulation.services[n] for n in (1, 2))
-    assert one.application.calls == [("fallback", (1, 1), "no_participants")]
-    assert not two.application.calls
-    assert set(one.statistics.rejected) == {"early"}
-    assert set(two.statistics.rejected) == {"stale"}
 
 
 def test_with_an_authority_unknown_to_one_side_there_is_no_session() -> None:
@@ -279,16 +243,6 @@ def test_a_certificate_is_renewed_while_a_session_runs() -> None:
     assert refused and service.application.calls[-1] == ("finished", (1, 1))
     assert not simulation.services[1].statistics.rejected
     change_credentials(service, link, pseudonym)
-
-
-def test_a_station_in_its_outbox_still_has_its_id() -> None:
-    """END-3: the Fin must come from the id that the session knows."""
-    simulation = started(SecuredSimulation, channel=CHANNEL)
-    service, link = simulation.services[1], simulation.links[1]
-    while not (service.state.outbox and not service.state.bound):
-        simulation.clock.run(simulation.clock.now() + 1)
-    with pytest.raises(PseudonymError):
-        change_credentials(service, link, credentials(11, not_before=0, not_after=DAY))
 
 
 @pytest.mark.slow
@@ -399,17 +353,6 @@ def test_what_is_over_the_budget_is_counted_and_not_logged(tmp_path: Path) -> No
     )
     assert counted["over_budget"] > 0 and "over_budget" not in logged
     assert logged["bad_signature"] == LOGGED_PER_SECOND < counted["bad_signature"]
-
-
-def test_end_5_what_is_no_message_is_logged_up_to_a_frame() -> None:
-    sink, data = BytesIO(), bytes(range(256)) * 250
-    about = {"run": "x", "station": 1, "implementation": "automcm", "version": "0"}
-    service, _, _ = alone(log=LogWriter(sink, **about))
-    service.receive(data)
-    service.rejected("bad_signature", data)
-    lines = [json.loads(line) for line in sink.getvalue().splitlines()]
-    raw = [base64.b64decode(line["raw"]) for line in lines if "raw" in line]
-    assert raw == [data[:FRAME_BYTES]] * 2
 
 
 @pytest.mark.parametrize(("age_ms", "used"), [(1, False), (0, True)])

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+import random
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from automcm.core import rules
 from automcm.links.simulated_radio import Channel
+from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
-from automcm_evaluation.safety.faults import Injected
+from automcm_evaluation.safety.faults import KINDS, Injected, drawn, inject
 from automcm_evaluation.sweeps.sweep import canonical
 from automcm_simulation.road.hazard_measures import Watched, bound_ms
+from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.reader import read
 from automcm_spec.model_checking import models
+from automcm_spec.vocabulary.messages import Session
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_spec.vocabulary.rules import RULES as RULE_IDS
 from automcm_traces.system.properties import judge
@@ -34,11 +39,13 @@ def simulate(
     maneuver_ms: int = 9000,
     seed: int = 1,
     logs: Path | None = None,
+    prepare: Any = lambda watched: None,
 ) -> safety.RunOutcome:
     """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
     plan = safety.SafetyPlan(loss, faults, maneuver_ms, 0, 0)
     channel = Channel(loss=loss, duplicate=0.1)
     watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    prepare(watched)
     return safety.simulated(watched, plan, ablation.parameters)
 
 
@@ -182,6 +189,53 @@ def test_an_ablation_changes_rows_of_its_own_rule() -> None:
         assert rows or other, ablation.name
         if rows and ablation.rule != "END-4":  # the guard of many rows
             assert ablation.rule in rows or rows == elsewhere[ablation.name], ablation.name
+
+
+def deaf_to_acks(watched: Watched) -> None:
+    """No Ack of the prescriber gets through; CAMs do."""
+    send = watched.radio._send
+
+    def some(src: int, data: bytes, to: int, tx: str) -> None:
+        if not (b'"Acceptance"' in data and b'"Ack"' in data):
+            send(src, data, to, tx)
+
+    watched.radio._send = some  # type: ignore[method-assign]
+
+
+def test_neg_9_a_commitment_outlives_its_acceptance() -> None:
+    assert lengths(simulate([], prepare=deaf_to_acks)) == []
+    abandoned = simulate([], BY_NAME["Acceptance abandoned"], prepare=deaf_to_acks)
+    ((excuse, length),) = lengths(abandoned)
+    assert excuse == "" and 1400 < length <= B
+
+
+# -- faults
+
+
+def test_faults_begin_in_their_window_and_end_later() -> None:
+    faults = drawn(KINDS, (100, 200), random.Random(1))
+    assert [fault.kind for fault in faults] == list(KINDS)
+    assert all(100 <= fault.at_ms <= 200 < fault.until_ms for fault in faults)
+    assert len({fault.at_ms for fault in faults}) > 5
+    assert inject([], Watched(), safety.ROLES) == 0
+
+
+def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[int, str]] = []
+
+    def fallback(self: Straight, session: Session, reason: str) -> None:
+        assert isinstance(self.service, McService)
+        told.append((self.service.station_id, reason))
+
+    monkeypatch.setattr(Straight, "fallback", fallback)
+    for who, station_id in (("prescriber", 1001), ("target", 2002)):
+        for what in ("abort", "restart"):
+            told.clear()
+            simulate([Injected(f"{who} {what}s", 4000, 5000)])
+            assert (station_id, what) in told
+        told.clear()
+        simulate([Injected(f"{who} crashes", 4000, 5000)])
+        assert (station_id, "crash") in told
 
 
 # -- the tables
