@@ -19,7 +19,7 @@ from automcm_evaluation.radio.radio_traffic import (
 )
 from automcm_simulation.radio import propagation
 from automcm_simulation.radio.ns3_radio import Ns3Radio
-from automcm_simulation.radio.propagation import OfferedLoad, Propagation, airtime_us, path_loss_db
+from automcm_simulation.radio.propagation import OfferedLoad, Propagation, path_loss_db
 from automcm_simulation.radio.radio import LARGEST_BYTES, Arrival
 from automcm_simulation.radio.table_radio import TableRadio, committed
 from automcm_spec.support import extras
@@ -67,18 +67,6 @@ def test_what_is_due_later_comes_later() -> None:
     assert radio.advance(30) == [Arrival(13, 7, [2])]
 
 
-def test_who_leaves_receives_nothing_and_another_one_may_take_its_slot() -> None:
-    radio = TableRadio(1)
-    radio.move(NEAR)
-    radio.transmit(1, 150, 0, 1)
-    radio.move({1: (0.0, 0.0), 4: (20.0, 0.0)})
-    assert radio.advance(50) == [] and len(radio.propagation) == 3
-    radio.transmit(1, 150, 50, 2)
-    assert [a.receivers for a in radio.advance(100)] == [[4]]
-    with pytest.raises(ValueError, match="station 2 has no position"):
-        radio.channel_busy_ratio(2)
-
-
 def test_bad_calls_are_refused() -> None:
     radio = TableRadio(1)
     radio.move(NEAR)
@@ -110,12 +98,6 @@ def test_the_loss_grows_with_the_distance_without_a_step() -> None:
     distance = np.linspace(0, 1000, 4001)
     steps = np.diff(path_loss_db(distance))
     assert steps.min() >= 0 and steps[distance[1:] > 10].max() < 0.3
-
-
-def test_a_frame_takes_the_bits_of_its_bytes_at_6_mbit_s() -> None:
-    for size in (1, 150, 2000):
-        longer = airtime_us(size + 600) - airtime_us(size)
-        assert longer == pytest.approx(600 * 8 / 6, abs=propagation.SYMBOL_US)
 
 
 def test_shadowing_has_its_deviation_and_fades_with_the_way() -> None:
@@ -202,13 +184,6 @@ def test_the_table_is_within_3_points_of_ns_3_at_every_distance(name: str) -> No
 def test_the_table_is_near_ns_3_where_it_was_not_fitted(name: str) -> None:
     arrived = fits(MEASURED[name], over_table(MEASURED[name].traffic, 2))["arrived"]
     assert arrived is not None and arrived <= OTHERS[name]
-
-
-def test_the_measurements_are_of_many_frames_at_every_distance() -> None:
-    assert {m.traffic.name for m in MEASURED.values() if not m.traffic.fitted} == set(OTHERS)
-    for ns3 in MEASURED.values():
-        assert min(row.frames for row in ns3.rows) > 300
-        assert len(ns3.rows) == 20 or ns3.traffic.jams
 
 
 def test_arrivals_fall_with_load_and_distance_in_the_table() -> None:

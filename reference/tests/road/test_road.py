@@ -66,52 +66,6 @@ def test_a_prescribed_speed_is_followed_smoothly_and_costs_the_way_it_should() -
     assert 10 * 25 - vehicle.x == pytest.approx(4 * 6, abs=0.7)
 
 
-def test_a_trajectory_that_is_let_go_is_followed_no_more() -> None:
-    vehicle = Vehicle(1, 0, 0, 10, 10)
-    vehicle.follow(Trajectory(np.array([0, 50.0]), np.array([[0, 0], [100, 0]])))
-    road = drive(Road([vehicle]), 5)
-    assert vehicle.speed < 5
-    vehicle.follow(None)
-    assert drive(road, 20) and vehicle.speed > 9.5
-
-
-def test_a_prescribed_vehicle_still_brakes_for_the_one_ahead() -> None:
-    vehicle, parked = Vehicle(1, 0, 0, 10, 10), Vehicle(2, 60, 0, 0, 0.0001)
-    vehicle.follow(Trajectory(np.array([0, 50.0]), np.array([[0, 0], [500, 0]])))
-    drive(Road([vehicle, parked]), 20)
-    assert vehicle.x < 60 - 4.5 and vehicle.speed < 0.5
-
-
-def test_a_prescription_never_weakens_the_braking_for_the_one_ahead() -> None:
-    gaps = []
-    for prescribed in (False, True):
-        front = Vehicle(2, 30, 0, 14, 14)
-        behind = Vehicle(1, 0, 0, 14, 14)
-        front.follow(Trajectory(np.array([0, 1.0]), np.array([[0, 0], [0.01, 0]]), stopped=True))
-        front.driving = Driving(comfortable=6, gain=3)
-        if prescribed:
-            behind.follow(Trajectory(np.array([0, 60.0]), np.array([[0, 0], [840, 0]])))
-        road = Road([front, behind])
-        gaps.append(min(road.gap(behind, front) for _ in range(150) if road.step() is None))
-    assert gaps[1] == pytest.approx(gaps[0], abs=0.01) and gaps[1] > 0
-
-
-def test_a_prescribed_stop_is_a_stop() -> None:
-    vehicle = Vehicle(1, 0, 0, 8, 8)
-    stop = Trajectory(np.array([0, 5.0]), np.array([[0, 0], [10, 0]]), stopped=True)
-    vehicle.follow(stop)
-    drive(Road([vehicle]), 30)
-    assert vehicle.speed < 0.01
-
-
-def test_a_standing_vehicle_does_not_brake() -> None:
-    front, behind = Vehicle(1, 8, 0, 0, 0.0001), Vehicle(2, 0, 0, 3, 8)
-    road = drive(Road([front, behind]), 20)
-    assert all(s.acceleration > -0.1 for s in road.of(2)[-50:])
-    for before, after in pairwise(road.of(2)):
-        assert after.speed - before.speed == pytest.approx(after.acceleration * STEP_S, abs=1e-9)
-
-
 def test_a_vehicle_never_jumps_sideways() -> None:
     vehicle = Vehicle(1, 0, 0, 10, 10)
     road = Road([vehicle])
@@ -121,17 +75,6 @@ def test_a_vehicle_never_jumps_sideways() -> None:
         road.step()
     most = LANE_WIDTH / D.lane_change_s * STEP_S
     assert all(abs(b.y - a.y) < most * 1.01 for a, b in pairwise(road.of(1)))
-
-
-@pytest.mark.parametrize("begin", range(0, 200, 7))
-def test_a_lane_change_takes_exactly_its_time(begin: int) -> None:
-    vehicle = Vehicle(1, 0, 0, 10, 10)
-    road = drive(Road([vehicle]), begin * STEP_S)
-    vehicle.change_lane(1, road.t)
-    drive(road, D.lane_change_s - STEP_S)
-    assert vehicle.changing
-    road.step()
-    assert not vehicle.changing
 
 
 def test_a_lane_change_takes_its_time_and_is_in_the_way_on_both_lanes() -> None:
@@ -146,14 +89,6 @@ def test_a_lane_change_takes_its_time_and_is_in_the_way_on_both_lanes() -> None:
     assert vehicle.y == LANE_WIDTH and not vehicle.changing and vehicle.lanes == {1}
     xy, speed = vehicle.path()
     assert (xy[:, 1] == LANE_WIDTH).all() and len(xy) == len(speed)
-
-
-def test_a_planned_path_leads_to_the_lane_it_moves_to() -> None:
-    vehicle = Vehicle(1, 0, 0, 10, 10)
-    vehicle.change_lane(1, 0.0)
-    xy, speed = vehicle.path()
-    assert xy[0, 1] == 0 and xy[-1, 1] == LANE_WIDTH and (np.diff(xy[:, 1]) >= 0).all()
-    assert xy[np.argmax(xy[:, 1] == LANE_WIDTH), 0] == 10 * D.lane_change_s and (speed == 10).all()
 
 
 def test_without_coordination_it_is_noticed_late_with_a_hard_stop_and_a_restart() -> None:
