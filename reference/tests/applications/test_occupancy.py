@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road_stage import answers_of, driven, lane_changers, said
+from road_stage import answers_of, driven, said
 
 from automcm.applications import occupancy
 from automcm.applications.lane_change import (
@@ -19,11 +19,9 @@ from automcm.applications.lane_change import (
 )
 from automcm.applications.occupancy import FORCED, LEAST_M, Seen, clear, needed_gap
 from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, Vehicle, idm
-from automcm.links.simulated_radio import Channel
 from automcm.service.application import Advertised, Choice, Heard
-from automcm_simulation.road.drive import FourVehicles, SimulatedDrive
+from automcm_simulation.road.drive import SimulatedDrive
 from automcm_simulation.road.occupancy_sweep import KINDS, bends, drive, sight
-from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.sweep_drivers import (
     PERCEPTION,
     Binder,
@@ -159,22 +157,6 @@ def test_app_2_app_4_app_5_each_mechanism_is_needed(
     seeds = range(first, first + 60)
     bad = next(seed for seed in seeds if drive(seed, mechanism, kind, sigma).bad)
     assert not drive(bad, "", kind, sigma).bad
-
-
-@pytest.mark.slow
-def test_app_2_in_bursts_silence_is_not_a_free_lane() -> None:
-    channel = Channel(loss=0.4, burst_ms=1000)
-
-    def unagreed(driver: type[LaneChange], seed: int) -> bool:
-        made = FourVehicles(seed=seed, signal_s=11)
-        simulation = Simulation(seed=seed, channel=channel)
-        drive_ = made.on(simulation, None, driver)
-        drive_.run(26)
-        words = said(lane_changers(drive_)[0])
-        return "moves over" in words and not any("is accepted" in each for each in words)
-
-    bad = [seed for seed in range(40) if unagreed(PaperLaneChange, seed)]
-    assert bad and not any(unagreed(LaneChange, seed) for seed in bad)
 
 
 @pytest.mark.slow

@@ -36,12 +36,6 @@ def test_what_is_not_met_is_reported() -> None:
     assert BUSY.search(coverage.report())
 
 
-@pytest.mark.slow
-def test_same_seed_same_run() -> None:
-    first, second = (run(Coordination, profile(10, 40), 5) for _ in range(2))
-    assert first == second
-
-
 SLOW = ("the mark goes before the Fin is acknowledged",)
 """Those that take more than four seconds."""
 

@@ -22,7 +22,7 @@ from automcm.service.service import McService
 from automcm_simulation.radio import relay as relay_
 from automcm_simulation.radio.relay import Relay
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
-from automcm_spec.vocabulary.messages import encode
+from automcm_spec.vocabulary.messages import BROADCAST, encode
 from automcm_spec.vocabulary.parameters import Parameters
 
 # -- sockets
@@ -231,3 +231,11 @@ async def test_the_time_for_which_the_host_slept_counts(monkeypatch: pytest.Monk
     clock.at(later, lambda: rung.append(clock.now()))
     await until(lambda: bool(rung))
     assert later <= rung[0] < later + 9_950  # not as much later once more
+
+
+async def test_what_the_system_refuses_to_send_is_counted(where: tuple[str, int]) -> None:
+    link = UdpLink(broadcast=where)
+    link.open(lambda data, tx: None)
+    link.send(b"x" * 70_000, BROADCAST, "")
+    assert link.unsent == 1
+    link.close()

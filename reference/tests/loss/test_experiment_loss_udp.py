@@ -15,7 +15,6 @@ from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_evaluation.loss import loss_udp
 from automcm_evaluation.loss.loss_udp import over_udp
 from automcm_simulation.radio import relay
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 
@@ -150,20 +149,6 @@ def test_a_port_that_cannot_be_had_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(loss_udp, "Relay", partial(relay.Relay, port=port))
         with pytest.raises(ExperimentError, match=rf"127.0.0.1:{port}: .*in use"):
             over_udp(0, 0.0, 1, 1)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("patient")
-def test_an_application_that_fails_is_no_failed_trial(
-    sockets: Sockets, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(self: Straight, choice: object) -> None:
-        raise RuntimeError("no choice")
-
-    monkeypatch.setattr(Straight, "choose", fails)
-    with pytest.raises(RuntimeError, match="no choice"):
-        over_udp(0, 0.0, 1, 1)
-    assert sockets.open == 0
 
 
 @pytest.mark.parametrize(

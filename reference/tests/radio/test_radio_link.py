@@ -143,3 +143,13 @@ def test_congestion_control_makes_a_full_channel_less_busy() -> None:
     with_it = radio_crowd.crowd(values | {"control": True}, 1)
     assert without["per_s"] == pytest.approx(10, abs=0.1)
     assert with_it["busy"] < without["busy"] - 0.05 and with_it["per_s"] < without["per_s"]
+
+
+def test_a_frame_whose_sender_leaves_while_it_waits_is_not_sent() -> None:
+    places = dict(PLACES)
+    clock, links, _ = joined(places, control=True)
+    for _ in range(2):
+        links._send(links_frame(1, 2, b"x"))
+    del places[1]
+    clock.run(500)
+    assert links.sent[1] == 1

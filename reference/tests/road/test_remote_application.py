@@ -76,28 +76,6 @@ async def test_remote_reconnects_within_a_commitment() -> None:
 
 
 @pytest.mark.slow
-async def test_remote_falls_back_by_itself() -> None:
-    other, mine = Recorder(maneuver_ms=60_000), Recorder()
-    async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
-        world.other.command(LANE_CHANGE)
-        await holds(lambda: mine.names() == ["load"])
-        port = world.bridge.port
-        await world.bridge.close()
-        await holds(lambda: len(mine.told) == 2)
-        assert mine.told[-1] == ("fallback", (OTHER, 1), "bridge_loss")
-        await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
-        it.command(LANE_CHANGE)
-        await holds(lambda: mine.told[-1:] == [("refused", "request", "unreachable")])
-        world.bridge._port = port
-        await world.bridge.open()
-        await asyncio.wait_for(it.connected.wait(), PATIENCE)
-        await holds(lambda: not world.bridged.state.quarantine)  # ACT-6: it broke its word
-        it.command(LANE_CHANGE)
-        await holds(lambda: world.bridged.state.bound)
-        assert len(mine.told) == 3  # the bridge's "alone" is no news
-
-
-@pytest.mark.slow
 async def test_remote_that_let_go_says_so() -> None:
     """The bridge goes quiet, but hears: the vehicle drives alone, so the session must end."""
 

@@ -201,39 +201,6 @@ def test_probes_reach_every_rule_phase_type_and_refusal() -> None:
 ANSWER = '[] t[1] = "answer"     -> '
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("probe", "deleted"),
-    [
-        (
-            "station_properties",
-            {
-                '[] t[1] = "hold"       -> OnHold(me, st)': "rule ADV-7",
-                '[] m.type = "Fin"           -> OnFin(me, st, m)': "told finished",
-                ANSWER: "rule NEG-8",
-            },
-        ),
-        pytest.param("probe_system", {ANSWER: "rule NEG-8"}, marks=pytest.mark.deep),
-    ],
-)
-def test_a_probe_turns_when_its_action_is_deleted(
-    tmp_path: Path, probe: str, deleted: dict[str, str]
-) -> None:
-    """Three that have nothing to do with each other are deleted at once."""
-    tla = Path(shutil.copytree(TLA, tmp_path / "tla"))
-    text = (tla / "Station.tla").read_text()
-    for dispatch in deleted:
-        start = text.index(dispatch)
-        condition, _, _ = dispatch.partition("->")
-        end = text.index("\n", start)
-        text = f'{text[:start]}{condition}-> Ignore(st, "deleted"){text[end:]}'
-    (tla / "Station.tla").write_text(text)
-    problem = models.check(model(probe), tla_dir=tla).problem or ""
-    assert problem.startswith("no longer reached: ")
-    for gone in deleted.values():
-        assert gone in problem.partition(";")[0]
-
-
 def test_the_hazard_reaches_its_bound_in_every_fault_class() -> None:
     labels = reached("hazard_bounds")
     assert len(labels) == 32  # 36 fault classes, in four of which there is no hazard at all

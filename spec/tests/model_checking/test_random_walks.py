@@ -49,13 +49,6 @@ def test_every_step_is_decided_by_a_rule() -> None:
 
 
 @pytest.mark.slow
-def test_lively_behaviours_get_as_far_as_driving() -> None:
-    found = random_walks.run(KNOWN["one_by_two"], depth=60, seconds=None, number=50, lively=True)
-    assert {"NEG-2", "NEG-6", "ACT-3"} <= set(found.rules)
-    assert "PRE-3" in found.never
-
-
-@pytest.mark.slow
 def test_a_violated_property_is_reported_with_its_steps() -> None:
     result = CliRunner().invoke(
         app, ["spec", "simulate", "bare_ack", "--seconds", "60", "--depth", "40"]
@@ -86,19 +79,6 @@ def last_rule(found: random_walks.Walks) -> str:
 def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
     found = random_walks.run(KNOWN["retarget"], depth=3, seconds=None, number=5)
     assert (found.property, found.exit_code) == (None, 4)
-
-
-@pytest.mark.slow
-def test_the_time_ends_the_behaviours() -> None:
-    short = random_walks.run(KNOWN["two_by_three"], depth=30, seconds=2)
-    assert short.ended == "time"
-    if short.behaviours:
-        again = random_walks.run(
-            KNOWN["two_by_three"], depth=30, seconds=None, number=short.behaviours
-        )
-        assert (again.steps, again.rules) == (short.steps, short.rules)
-    else:
-        assert short.exit_code == 4
 
 
 def test_a_module_that_does_not_extend_system_is_refused() -> None:
