@@ -108,10 +108,6 @@ def test_hang() -> None:
     assert "no answer within 0.4 s after 1 of 2" in str(error)
 
 
-def test_an_answer_that_is_not_flushed_is_a_hang_with_a_hint() -> None:
-    assert "flushed" in str(failure(FORGETS_TO_FLUSH, limit_s=LIMIT))
-
-
 def test_the_limit_is_for_each_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each takes nearly as long; the clock is the test's."""
     now, there = 0.0, list[bytes]()
@@ -130,16 +126,6 @@ def test_the_limit_is_for_each_answer(monkeypatch: pytest.MonkeyPatch) -> None:
         assert child.exchange([LINE] * 4) == [LINE[:-1]] * 4
 
 
-def test_a_trickle_is_a_hang() -> None:
-    code = "import os, time\nwhile True: os.write(1, b'x'); time.sleep(.05)"
-    assert failure(code, limit_s=LIMIT).kind == "hang"
-
-
-def test_it_reads_nothing() -> None:
-    error = failure(SLEEPS, 100_000, LIMIT)
-    assert (error.kind, error.answers) == ("hang", [])
-
-
 def test_crash_with_exit_code_and_the_end_of_stderr() -> None:
     code = """
 import sys
@@ -155,17 +141,6 @@ sys.exit(7)
     assert len(error.stderr) == STDERR_LINES
 
 
-def test_crash_by_a_signal() -> None:
-    error = failure("import os\nos.abort()")
-    assert (error.kind, error.exit_code) == ("crash", -6)
-    assert "SIGABRT" in str(error)
-
-
-def test_crash_while_the_kit_writes() -> None:
-    error = failure("import sys\nsys.exit(3)", 100_000)
-    assert (error.kind, error.exit_code) == ("crash", 3)
-
-
 def test_crash_between_two_exchanges() -> None:
     with start("input(); print(1)") as child:
         assert child.exchange([LINE]) == [b"1"]
@@ -173,18 +148,6 @@ def test_crash_between_two_exchanges() -> None:
         with pytest.raises(AdapterError) as caught:
             child.exchange([LINE])
     assert (caught.value.kind, caught.value.exit_code) == ("crash", 0)
-
-
-def test_half_a_line_then_exit() -> None:
-    error = failure("import sys\ninput()\nsys.stdout.write('{\"messages\"')")
-    assert (error.kind, error.exit_code) == ("crash", 0)
-    assert "in the middle of a line" in str(error)
-
-
-@pytest.mark.slow
-def test_it_closes_its_output_but_lives() -> None:
-    error = failure("import os\nos.close(1)\n" + SLEEPS)
-    assert (error.kind, error.exit_code) == ("closed", None)
 
 
 def test_it_closes_its_input_but_lives() -> None:
@@ -210,11 +173,6 @@ def test_a_gigabyte_on_one_line_takes_no_memory() -> None:
     assert peak < 8 << 20
 
 
-def test_endless_output() -> None:
-    error = failure("import os\ninput()\nwhile True: os.write(1, b'{}\\n' * 1000)", 2)
-    assert (error.kind, error.answers) == ("output", [b"{}", b"{}"])
-
-
 def test_answers_that_are_large_together() -> None:
     lines = [LINE] * 1_000
     code = "import os\ninput()\nwhile True: os.write(1, b'x' * 900 + b'\\n')"
@@ -222,16 +180,6 @@ def test_answers_that_are_large_together() -> None:
     with child, pytest.raises(AdapterError, match="answers have") as caught:
         child.exchange(lines)
     assert caught.value.kind == "output"
-
-
-def test_a_line_that_is_no_object_is_shown() -> None:
-    prints = "import sys\nfor line in sys.stdin: print('DEBUG: late\\n{}', flush=True)"
-    assert ": 'DEBUG: late' (did you mean to" in str(failure(prints))
-
-
-def test_more_answers_than_asked() -> None:
-    twice = "import sys\nfor line in sys.stdin: sys.stdout.write('1\\n2\\n'); sys.stdout.flush()"
-    assert failure(twice, 3).kind == "output"
 
 
 @pytest.mark.parametrize("more", ["2\\n", "2"])
@@ -255,6 +203,44 @@ input()
         assert str(child.stop()).startswith(
             "the adapter wrote a line that answers no command: '2' (did you mean"
         )
+
+
+FAILS = {
+    "trickles": (
+        "import os, time\nwhile True: os.write(1, b'x'); time.sleep(.05)",
+        *(1, LIMIT, "hang", [], None, "no answer"),
+    ),
+    "reads nothing": (SLEEPS, 100_000, LIMIT, "hang", [], None, "no answer"),
+    "does not flush": (FORGETS_TO_FLUSH, 1, LIMIT, "hang", [], None, "flushed"),
+    "aborts": ("import os\nos.abort()", 1, 5, "crash", [], -6, "SIGABRT"),
+    "ends while the kit writes": ("import sys\nsys.exit(3)", 100_000, 5, "crash", [], 3, "code 3"),
+    "ends in the middle of a line": (
+        "import sys\ninput()\nsys.stdout.write('{\"messages\"')",
+        *(1, 5, "crash", [], 0, "in the middle of a line"),
+    ),
+    "closes its output": ("import os\nos.close(1)\n" + SLEEPS, 1, LIMIT, "closed", [], None, ""),
+    "writes without end": (
+        "import os\ninput()\nwhile True: os.write(1, b'{}\\n' * 1000)",
+        *(2, 5, "output", [b"{}", b"{}"], None, ""),
+    ),
+    "answers twice": (
+        "import sys\nfor line in sys.stdin: sys.stdout.write('1\\n2\\n'); sys.stdout.flush()",
+        *(3, 5, "output", [b"1", b"2", b"1"], None, ""),
+    ),
+    "says more than its answer": (
+        "import sys\nfor line in sys.stdin: print('DEBUG: late\\n{}', flush=True)",
+        *(1, 5, "output", [b"DEBUG: late"], None, ": 'DEBUG: late' (did you mean to"),
+    ),
+}
+"""A program, how many lines it is sent, the limit; what is said of it."""
+
+
+@pytest.mark.parametrize("how", FAILS)
+def test_a_program_that_breaks_is_named_for_it(how: str) -> None:
+    code, lines, limit_s, kind, answers, exit_code, says = FAILS[how]
+    error = failure(code, lines, limit_s)
+    assert (error.kind, error.answers, error.exit_code) == (kind, answers, exit_code)
+    assert says in str(error)
 
 
 def test_its_children_end_with_it() -> None:
@@ -310,12 +296,6 @@ def test_it_had_ended_before_stop() -> None:
     with start("import os\ninput(); print(os.getpid(), flush=True)\nos.abort()") as child:
         assert gone(int(child.exchange([LINE])[0]))
         assert child.stop() == "the adapter exited before stop, with signal 6 (SIGABRT)"
-
-
-def test_kill_again_and_again() -> None:
-    child = start(SLEEPS)
-    child.kill()
-    child.kill()
 
 
 @pytest.mark.parametrize(
