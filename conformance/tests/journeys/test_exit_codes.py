@@ -14,14 +14,18 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cli_stage import REFERENCE, automcm
 from test_help import COMMANDS
 
 from automcm_cli import exit_codes
+from automcm_cli.main import app
 from automcm_cli.shared import common
 from automcm_evaluation.sweeps.catalogue import NAMES
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.checker.engine import Engine
 
 ROOT = Path(__file__).resolve().parents[3]
 CORPUS = ROOT / "traces" / "corpus"
@@ -267,53 +271,50 @@ def test_standard_error_that_cannot_be_written_changes_no_verdict(lost: str, fol
     assert shell(f"automcm {' '.join(DIFF)} {lost}", folder).returncode == 1
 
 
-def in_a_program(text: str, stdout: int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
-    """A program that is run as the console script is."""
-    code = (
-        f"import sys\nfrom automcm_cli import exit_codes\n{text}\nsys.exit(exit_codes.run(program))"
-    )
-    return subprocess.run(
-        [sys.executable, "-c", code], stdout=stdout, stderr=subprocess.PIPE, text=True
-    )
+def raises(error: Exception) -> None:
+    raise error
 
 
-def test_a_fault_of_ours_is_70_and_says_how_to_report_it() -> None:
-    done = in_a_program("def program(): raise KeyError('what')")
-    lines = done.stderr.splitlines()
-    assert done.returncode == exit_codes.FAULT and lines[0].startswith("Traceback")
-    assert lines[-2] == "KeyError: 'what'" and "please report it" in lines[-1]
+def follows(_: None) -> None:
+    """A fault of the follower, which is no verdict on the log."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Engine, "feed", lambda *_: raises(KeyError("ours")))
+        app(["trace", "explain", str(CORPUS / "pair" / "1001.ndjson")])
 
 
-def test_a_fault_of_the_follower_is_no_verdict_on_the_log() -> None:
-    log = CORPUS / "pair" / "1001.ndjson"
-    done = in_a_program(
-        "from automcm_cli.main import app\nfrom automcm_traces.checker.engine import Engine\n"
-        "def broken(*_): raise KeyError('ours')\nEngine.feed = broken\n"
-        f"sys.argv = ['automcm', 'trace', 'explain', {str(log)!r}]\nprogram = app"
-    )
-    assert done.returncode == exit_codes.FAULT and "KeyError: 'ours'" in done.stderr
-    assert "please report it" in done.stderr.splitlines()[-1]
-
-
-def test_bad_input_that_nobody_caught_is_3_and_named() -> None:
-    text = "from automcm_spec.support.bad_input import BadInput\n"
-    done = in_a_program(f"{text}def program(): raise BadInput('a.json', 3, 'x', 'is odd', 'form')")
-    assert (done.returncode, done.stderr) == (3, "automcm: a.json:3: x: is odd [form]\n")
-
-
-def test_a_file_that_nobody_caught_is_3_and_named() -> None:
-    done = in_a_program("def program(): open('/none/such')")
-    assert done.returncode == exit_codes.UNWRITTEN
-    assert done.stderr == f"automcm: /none/such: {os.strerror(errno.ENOENT)}\n"
-
-
-def test_a_pipe_of_something_else_is_not_standard_output() -> None:
+def breaks_a_pipe(_: None) -> None:
     """A child that ends early is no reader that went away."""
-    done = in_a_program(
-        "import os\ndef program():\n a, b = os.pipe()\n os.close(a)\n os.write(b, b'x')"
-    )
-    assert done.returncode == exit_codes.UNWRITTEN
-    assert done.stderr == f"automcm: {os.strerror(errno.EPIPE)}\n"
+    reading, writing = os.pipe()
+    os.close(reading)
+    os.write(writing, b"x")
+
+
+ODD = BadInput("a.json", 3, "x", "is odd", "form")
+REPORT = r"Traceback[^$]*\nKeyError: 'ours'\n.*please report it.*\n"
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "code", "said"),
+    [
+        (raises, KeyError("ours"), exit_codes.FAULT, REPORT),
+        (follows, None, exit_codes.FAULT, REPORT),
+        (raises, ODD, 3, r"automcm: a.json:3: x: is odd \[form\]\n"),
+        (open, "/none/such", 3, f"automcm: /none/such: {os.strerror(errno.ENOENT)}\n"),
+        (breaks_a_pipe, None, 3, f"automcm: {os.strerror(errno.EPIPE)}\n"),
+    ],
+)
+def test_what_nobody_caught_has_a_code_and_is_named(
+    program: Callable[[Any], Any],
+    given: Any,
+    code: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, getattr(sys, name))  # it may replace them
+    assert exit_codes.run(lambda: program(given)) == code
+    assert re.fullmatch(said, capfd.readouterr().err)
 
 
 def test_the_exit_codes_are_in_the_help() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -58,17 +56,6 @@ def test_a_log_may_come_from_standard_input(wrong: Path, tmp_path: Path) -> None
     assert {name: told[name] for name in ("line", "event", "rule", "expected")} == {
         name: here[name] for name in ("line", "event", "rule", "expected")
     }
-
-
-def test_a_log_may_come_through_a_pipe(wrong: Path, tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    writer = threading.Thread(target=lambda: pipe.write_bytes(wrong.read_bytes()))
-    writer.start()
-    code, told = explained(pipe, "--out", tmp_path / "out")
-    writer.join()
-    assert told["file"] == str(pipe)
-    assert (code, told["line"]) == (1, explained(wrong, "--out", tmp_path / "out")[1]["line"])
 
 
 def test_logs_of_one_name_leave_a_prefix_each(wrong: Path, tmp_path: Path) -> None:

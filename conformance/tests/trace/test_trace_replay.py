@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cli_stage import automcm
-from replay_stage import REFERENCE, STATIONS, Json, edited, records, replay, same, verdict, written
+from replay_stage import REFERENCE, STATIONS, records, replay, same, verdict, written
 from replay_stage import logs as logs
 from wrong_station import station
 
@@ -39,29 +39,6 @@ def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: 
         [(r["t_ms"], r["ev"], r.get("message"), r.get("command")) for r in x] for x in (old, new)
     ]
     assert told[0] == told[1]
-
-
-def test_own_sessions_of_the_log_are_renamed(logs: Path, tmp_path: Path) -> None:
-    """The log's station numbered its sessions from 41 on."""
-
-    def other(value: Json) -> Json:
-        if isinstance(value, list):
-            if len(value) == 2 and value[0] == 1001 and type(value[1]) is int:
-                return [1001, value[1] + 40]
-            return [other(each) for each in value]
-        return {k: other(v) for k, v in value.items()} if isinstance(value, dict) else value
-
-    log = edited(logs / "1001.ndjson", tmp_path / "1001.ndjson", other)
-    assert verdicts_of([log])[0].verdict == "allowed"
-    sessions = {
-        r["message"]["session"][1]
-        for r in records(log)
-        if r.get("ev") == "send" and r["message"]["type"] == "Advertisement"
-    }
-    assert min(sessions) > 40 and len(sessions) > 1
-    code, result = replay(log, REFERENCE, tmp_path)
-    assert (code, same(result)) == (0, True), result
-    assert "[1001,41]" not in Path(result["log"]).read_text()
 
 
 @pytest.mark.slow

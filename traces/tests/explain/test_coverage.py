@@ -9,14 +9,10 @@ from typing import get_args
 import pytest
 from merged_runs import records, simulated
 
-from automcm.links.simulated_radio import Channel
-from automcm_simulation.road.simulation import Simulation
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import TWO_PEERS, spec_hash
 from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.rules import RULES, kind
-from automcm_spec.vocabulary.station import CONDITIONS
 from automcm_traces.explain.coverage import EXIT, LogCoverage, exit_code, measure, possible, text
 from automcm_traces.explain.explain import verdict_of
 
@@ -77,25 +73,6 @@ def test_few_questions_kept_or_many_is_the_same(
 ) -> None:
     monkeypatch.setattr("automcm_traces.explain.coverage.REMEMBERED", 3)
     assert measure(logs).as_dict() == covered.as_dict()
-
-
-def test_a_log_that_lacks_something_leaves_a_condition_one_way(
-    logs: list[Path], covered: LogCoverage, tmp_path: Path
-) -> None:
-    """A CAM during a maneuver whose sender is not the peer: a third station nearby."""
-    simulation = Simulation(seed=3, channel=Channel(), logs=tmp_path)
-    for station in (1001, 2002):
-        simulation.add(station, Straight())
-    simulation.add(3003, Straight(concerned_by_all=False))
-    simulation.request(1001, at=500)
-    simulation.run(until=10_000)
-    where = "OnCam", "OfPeer(st, i.src)"
-    assert conditions(covered)[where][1] == 0 < conditions(covered)[where][0]
-    assert conditions(measure([tmp_path / "1001.ndjson"]))[where][1] > 0
-    where = next(c.line for c in CONDITIONS if c[0] == "OnCam" and c.text == "OfPeer(st, i.src)")
-    line = f"true  OnCam:{where} OfPeer(st, i.src)"
-    assert f"  {line}" in text(covered)
-    assert f"  {line}" not in text(measure([tmp_path / "1001.ndjson"]))
 
 
 def test_every_figure_has_its_whole(covered: LogCoverage) -> None:

@@ -80,25 +80,6 @@ def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> Non
     )
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_logs_that_come_in_blocks_report_nothing_that_the_rest_refutes(order: int) -> None:
-    watch, paths = Watch(), [CORPUS / f"pair/{station}.ndjson" for station in (1001, 2002)]
-    buffers = {path: LineBuffer() for path in paths[::order]}
-    for path, buffer in buffers.items():
-        watch.add(path, buffer)
-    reports: list[WatchReport] = []
-    for first in (True, False):
-        for path, buffer in buffers.items():
-            lines = path.read_bytes().splitlines(keepends=True)
-            half = len(lines) // 2
-            buffer.put(b"".join(lines[:half] if first else lines[half:]))
-            reports += watch.advance()
-    assert watch.over
-    reports += watch.finish()
-    assert [r.what for r in reports] == ["begun", "begun", "verdict", "verdict", "together"]
-    assert watch.exit_code == 0
-
-
 def held(root: object) -> int:
     """The number of objects that an object holds, without modules, types and code."""
     seen: dict[int, object] = {}

@@ -122,16 +122,6 @@ def test_a_command_that_names_something_odd_is_no_record(name: str, value: objec
     assert not Draft202012Validator(schema()).is_valid(line)
 
 
-@pytest.mark.parametrize("limit", ["max_participants", "outbox_limit", "memory_limit"])
-def test_mem_1_limits_are_1_or_more(limit: str, tmp_path: Path) -> None:
-    def change(lines: list[Line]) -> None:
-        lines[0]["parameters"][limit] = 0
-
-    path = changed(tmp_path / "log.ndjson", change)
-    assert verdict_of(path).verdict == "unreadable"
-    assert limit in text(verdict_of(path))
-
-
 def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
     def change(lines: list[Line]) -> None:
         timers = (x for x in lines if x.get("op") == "expire" and x["timer"]["name"] == "resend")
@@ -168,14 +158,6 @@ def test_a_last_line_without_line_feed_is_shrunk_too(cut: Path) -> None:
     whole = cut.with_name("whole.ndjson")
     whole.write_bytes(cut.read_bytes() + b"\n")
     assert len(shrink([cut]).logs[0].items) == len(shrink([whole]).logs[0].items) < 20
-
-
-def test_prefixes_of_logs_of_one_name_stand_beside_one_another(cut: Path, tmp_path: Path) -> None:
-    found = verdict_of(cut)
-    taken: list[Path] = []
-    for _ in range(3):
-        taken.append(prefix(found, tmp_path / "out", taken))
-    assert [path.name for path in taken] == [f"cut-56{n}.ndjson" for n in ("", "-2", "-3")]
 
 
 ODD = "\x1b]0;owned\x07\n  S1->>S2: Fin"
