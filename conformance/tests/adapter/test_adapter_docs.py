@@ -13,7 +13,7 @@ from typer.main import get_command
 
 from automcm.adapters.adapter_lines import serve
 from automcm_cli.main import app
-from automcm_conformance.adapter.protocol import COMMAND, INDICATIONS, read_answer, read_hello
+from automcm_conformance.adapter.protocol import INDICATIONS
 from automcm_conformance.exchange.results import (
     EXPLORED,
     VERDICTS,
@@ -64,16 +64,6 @@ def test_the_exchange_in_the_document_is_what_the_reference_answers() -> None:
     assert len(asked) == len(written) + 1 == 11  # stop has no answer
     assert "".join(who for who, _ in said) == "><" * len(written) + ">"
     assert plain(answers) == plain(written)
-
-
-def test_the_lines_of_the_exchange_are_those_of_the_protocol() -> None:
-    (_, hello), *answers = [line for line in exchange() if line[0] == "<"]
-    assert read_hello(hello.encode()).protocol == 1
-    for _, line in answers:
-        read_answer(line.encode())
-    for who, line in exchange():
-        if who == ">":
-            COMMAND.validate_json(line)
 
 
 @pytest.fixture(scope="module")

@@ -111,22 +111,6 @@ def test_every_step_is_drawn_and_its_rule_named(
         assert len(lines) == 1 and edge.event in lines[0]
 
 
-def test_an_event_with_two_ways_says_what_is_told(edges: set[Edge]) -> None:
-    text = state_diagrams.diagram(WAYS, edges, "prescriber")
-    both = "close (ADV-9)<br/>advertise expires / choose (PRE-1)"
-    assert f"ADVERTISING --> CHOOSING : {both}" in text
-    assert "CHOOSING --> PRESCRIBING : prescribe (PRE-2)" in text
-
-
-def test_the_order_of_the_graph_does_not_matter(one_peer: Oracle, edges: set[Edge]) -> None:
-    assert state_diagrams.text(one_peer, WAYS).endswith("```\n")
-    shuffled = set(sorted(edges, key=lambda e: (e.indication, e.event, e.role, e.rule)))
-    for role in state_diagrams.ROLES:
-        assert state_diagrams.diagram(WAYS, shuffled, role) == state_diagrams.diagram(
-            WAYS, edges, role
-        )
-
-
 RULE = re.compile(
     r"^#### ([A-Z]{3}-\d)\n\n(1\. .*?)\n\n"
     r"Source: (.+?)\.(?:\nOperators: (.+?)\.(?:\nNeed shown by: (.+?)\.)?)?\n(?:\n|\Z)",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from cli_stage import automcm
-from first_hour import CASES, CPP, PAGE, blocks, cpp_station, python_station
+from first_hour import CASES, PAGE, blocks, cpp_station, python_station
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +38,6 @@ def test_what_is_said_to_it_by_hand(mine: Path, tmp_path: Path) -> None:
             [command], input=said, capture_output=True, text=True, check=True, timeout=60
         )
         assert done.stdout == blocks("json")[0]
-
-
-def test_the_page_says_how_long_the_stations_are(mine: Path) -> None:
-    for text, said in (
-        ((mine.parent / "station.py").read_text(), "some {} lines of\nPython"),
-        (CPP, "in {} lines. Build"),
-    ):
-        assert said.format(round(text.count("\n"), -1)) in PAGE
 
 
 def test_each_line_has_the_right_form(mine: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -118,15 +118,6 @@ def test_no_owner() -> None:
     assert Owners([]).owner(*pair) is None
 
 
-def test_ids_are_numbered_from_one() -> None:
-    numbers: dict[str, list[int]] = defaultdict(list)
-    for purpose in PURPOSES:
-        series, number = purpose.id.rsplit("-", 1)
-        numbers[series].append(int(number))
-    for series, found in numbers.items():
-        assert found == list(range(1, len(found) + 1)), series
-
-
 def test_the_role_of_an_id_is_that_of_the_states() -> None:
     roles = {"PRE": {"prescriber"}, "RCV": {"receiver"}}
     for row in pairs():
@@ -154,15 +145,6 @@ def test_why_belongs_to_the_rule() -> None:
     assert {(rule, why) for rule, why in found if why is not None} <= {
         (rule, why) for rule, names in WHY.items() for why in names
     }
-
-
-def test_texts() -> None:
-    seen: set[tuple[str, str]] = set()
-    for purpose in PURPOSES:
-        for line in (purpose.given, purpose.when, purpose.then, purpose.bug, purpose.cost):
-            assert line == line.strip() and "\n" not in line and not line.endswith("."), purpose.id
-        assert (purpose.given, purpose.when) not in seen, purpose.id
-        seen.add((purpose.given, purpose.when))
 
 
 @pytest.mark.parametrize(
