@@ -51,7 +51,8 @@ def result(cell: dict[str, Any]) -> Any:
             frames = Frames()
             made, _ = traffic(**setting, observe=frames.add)
             made.run()
-            found = made.record() | {"frames": json.loads(frames.as_json())["frames"][:4]}
+            seen = json.loads(frames.as_json())
+            found = made.record() | {"seen": seen | {"frames": seen["frames"][:4]}}
         case {"users": name, "setting": setting}:
             found = [asdict(user) for user in SCENARIOS[name].users(TrafficSetting(**setting))]
         case _:

@@ -50,7 +50,7 @@ for name, module in sys.modules.items():
     [
         ("import automcm", 1, 100),
         (DRIVER + OVER_UDP.replace("sleep(10)", "sleep(0.6)"), 30, 5400),
-        ("import automcm.service.station_process", 30, 5600),
+        ("import automcm.service.station_process", 30, 5700),
     ],
     ids=["import automcm", "the page's station over UDP", "automcm station"],
 )
