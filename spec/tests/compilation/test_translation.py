@@ -16,11 +16,9 @@ import pytest
 
 from automcm_maintenance.compilation import compiler, sany
 from automcm_maintenance.compilation.tla_types import INT, SetOf
-from automcm_maintenance.compilation.translation import Translator
 from automcm_spec.model_checking import tla_values, tlc
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.conditions import NoArm
-from automcm_spec.vocabulary.tla_names import local, snake
+from automcm_spec.vocabulary.tla_names import snake
 
 Load = Callable[[str], ModuleType]
 
@@ -211,45 +209,6 @@ def test_a_case_without_an_arm_stops_as_tlc_does(code: str, folder: Path, load: 
         tlc.run("Stops", folder / "Constructs.cfg", tla_dir=folder, short=True)
 
 
-def _eager_let(patch: pytest.MonkeyPatch) -> None:
-    def bind(self: Translator, node: sany.Node, pending: Any) -> Any:
-        lines = [f"    {local(name)} = {self.expression(value)}" for name, value in pending]
-        return lines, node, ()
-
-    patch.setattr(Translator, "_bind", bind)
-
-
-def _eager_arguments(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Translator, "_always", lambda self, call, param: True)
-
-
-def _sure_of_all(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Translator, "_total", lambda self, node: True)
-
-
-def _needed_by_any_part(patch: pytest.MonkeyPatch) -> None:
-    def needs(self: Translator, node: sany.Node, name: str) -> bool:
-        return any(part.op == "name" and part.name == name for part in node.walk())
-
-    patch.setattr(Translator, "needs", needs)
-
-
-@pytest.mark.sweep(1)
-@pytest.mark.parametrize("wrong", [_eager_let, _eager_arguments, _sure_of_all, _needed_by_any_part])
-def test_a_compiler_that_is_not_lazy_is_seen(
-    wrong: Callable[[pytest.MonkeyPatch], None],
-    folder: Path,
-    load: Load,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    wrong(monkeypatch)
-    compiled = load(compiler.source(PLAN, sany.export("Constructs", folder), folder)).Constructs
-    one = compiled(3, frozenset({2, 3}))
-    with pytest.raises((NoArm, UnboundLocalError)):
-        for n in range(len(CONSTRUCTS)):
-            getattr(one, f"e{n}")
-
-
 REFUSED = {
     "CHOOSE n \\in Some : TRUE": "CHOOSE",
     "CHOOSE n : n = 1": "a bound name without a set",
@@ -343,13 +302,3 @@ def test_names() -> None:
         *("on_cam_loss", "my_entries", "in_", "me", "if_")
     ]
     assert not re.search(r"[A-Z]", snake("StationTypeInv"))
-
-
-def test_the_page_names_what_is_tested() -> None:
-    page = (TLA.parents[1] / "docs" / "compiled-station.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*?) \| [^|]*\|$", page.split("## The subset")[1], re.MULTILINE)
-    shown = [code for row in rows for code in re.findall(r"`(.+?)`(?=,| |$)", row)]
-    text = HELPERS + " ".join(CONSTRUCTS.values())
-    for word in (word for code in shown for word in re.findall(r"\\\w+|[A-Z]{2,}|[^\w\s]+", code)):
-        assert word.replace("\\|", "|") in text, word
-    assert len(shown) > 25

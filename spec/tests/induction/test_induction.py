@@ -74,6 +74,7 @@ def test_the_evaluator_agrees_with_the_compiled_station(spec: ParsedModules) -> 
         assert solver.check() == z3.sat, (rule, st, i)
 
 
+@pytest.mark.slow
 def test_it_agrees_if_nothing_is_known(spec: ParsedModules) -> None:
     """The values are variables here, and z3 knows that they equal those of the step."""
     prover = Prover(spec)
