@@ -14,7 +14,7 @@ from typing import Any
 
 from traffic_stage import traffic
 
-from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.sweeps import report, sweep, traffic_sweep
 from automcm_simulation.traffic.seen_from_above import Frames
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
@@ -42,8 +42,8 @@ def rounded(value: Any) -> Any:
 
 
 def result(cell: dict[str, Any]) -> Any:
-    """Of a cell of an experiment, of a run of traffic on the small road, or the road users that a
-    scenario draws."""
+    """Of a cell of an experiment, of a run of traffic on the small road, the road users that a
+    scenario draws, or the runs that the sweep draws of it."""
     match cell:
         case {"experiment": name, "values": values}:
             found = sweep.run_cell(name, values, 1)
@@ -55,6 +55,8 @@ def result(cell: dict[str, Any]) -> Any:
             found = made.record() | {"seen": seen | {"frames": seen["frames"][:4]}}
         case {"users": name, "setting": setting}:
             found = [asdict(user) for user in SCENARIOS[name].users(TrafficSetting(**setting))]
+        case {"drawn": name}:
+            found = [traffic_sweep.command(traffic_sweep.drawn(name, seed)) for seed in range(8)]
         case _:
             raise ValueError(f"no such cell: {cell}")
     return rounded(json.loads(json.dumps(found)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic import Traffic
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
-from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
 
 Change = Callable[[dict[str, Any]], None]
@@ -130,26 +128,6 @@ def test_what_is_missing_on_this_machine_is_not_a_bad_run(
     monkeypatch.setattr(Staged, "change", staticmethod(missing))
     with pytest.raises(type(error)):
         check()
-
-
-def test_settings_are_drawn_by_the_seed_and_the_command_repeats_them(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.undo()
-    runs = [traffic_sweep.drawn(name, seed) for name in SCENARIOS for seed in range(20)]
-    assert runs == [traffic_sweep.drawn(name, seed) for name in SCENARIOS for seed in range(20)]
-    assert {run.radio for run in runs} == {"even", "table"}
-    assert {run.loss for run in runs} == set(traffic_sweep.LOSSES)
-    for run in runs:
-        words = shlex.split(traffic_sweep.command(run))
-        options = dict(zip(words[3::2], words[4::2], strict=True))
-        s = run.setting
-        assert float(options.get("--loss", 0)) == run.loss
-        assert (options["--scenario"], options["--radio"]) == (run.scenario, run.radio)
-        assert (int(options["--vehicles"]), int(options["--seed"])) == (s.vehicles, s.seed)
-        assert float(options["--penetration"]) == s.penetration
-        assert float(options["--density"]) == s.density
-        assert float(options["--duration-s"]) == s.duration_s
 
 
 def test_all_scenarios_run_with_the_first_seeds_and_every_nth_seed_twice() -> None:
