@@ -327,3 +327,10 @@ def test_kin_2_the_most_points_that_fit() -> None:
         assert len(used.encode(fitting)) <= FRAME_BYTES < len(used.encode(too_many))
     assert sizes.most_points(JSON, 100) == 0
     assert 2000 < sizes.most_points(JSON, MAX_BYTES) < 4000
+
+
+def test_details_are_a_copy() -> None:
+    mine: dict[str, Any] = {"a": [1]}
+    message = advertisement(details=mine)
+    mine["a"].append(2)
+    assert message.details == {"a": [1]}
