@@ -40,26 +40,34 @@ SETS: tuple[dict[str, int], ...] = (
     {},
     {"t_timeout": 1000, "t_decide": 170},
     {"t_timeout": 0, "t_cam_loss": 1001},
-    {"t_timeout": 250, "t_resend": 60, "t_decide": 2500, "t_cam_loss": 3000},
+    {"t_timeout": 250, "t_resend": 61, "t_decide": 2500, "t_cam_loss": 3000},
 )
-"""Parameters of the timing cases, besides the defaults."""
-DRIFTS: tuple[dict[str, int], ...] = ({"clock_drift": 1}, {"clock_drift": 7, "t_resend": 60})
-"""Parameters of the lease cases, for a station with the feature ``clock_drift`` (ACT-4)."""
+"""Parameters of the timing cases, besides the defaults. Half of 61 ms is rounded."""
+LEASE_MS = 901
+"""A lease whose margin is rounded (ACT-4)."""
+DRIFTS: tuple[tuple[dict[str, int], int], ...] = (
+    ({"clock_drift": 1}, LEASE_MS),
+    ({"clock_drift": 7, "t_resend": 60}, LEASE_MS),
+    ({"clock_drift": 1}, 1),
+    ({"clock_drift": 99}, 100),
+)
+"""Parameters and leases of the lease cases, for a station with the feature ``clock_drift`` (ACT-4).
+The margin of the last two is the whole lease."""
 LIMITS = {"max_rounds": 3, "max_participants": 5, "outbox_limit": 7, "memory_limit": 4}
 """With these, a session needs an outbox of one entry, as in the graphs (MEM-1)."""
 SEEDS = 8
-LEASE_MS = 900
 
 
 def timer(fresh: Fresh, name: str) -> Played:
     """``timer NAME``: nothing happens a millisecond before the deadline, everything at it, with
     several sets of parameters."""
     ends = name.startswith("lease")
-    for changed in (*SETS, *DRIFTS) if ends else SETS:
+    cases = [(changed, LEASE_MS if ends else LONG_MS) for changed in SETS]
+    for changed, lease_ms in [*cases, *DRIFTS] if ends else cases:
         for script in scripts.TIMERS[name]:
             x = fresh(USUAL | changed)
             fits = changed.keys() <= x.parameters.keys()
-            yield played(x, script, LEASE_MS if ends else LONG_MS) if fits else None
+            yield played(x, script, lease_ms) if fits else None
 
 
 def sendings(fresh: Fresh, t_timeout: str) -> Played:
