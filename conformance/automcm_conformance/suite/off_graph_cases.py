@@ -95,8 +95,11 @@ def content(fresh: Fresh, type_: str) -> Played:
 
 def plain(fresh: Fresh, case: str) -> Played:
     """A case that consists only of scripts."""
-    for script in scripts.PLAIN[case]:
-        yield played(fresh(USUAL), script, _lease(script))
+    for changed in ({}, DRIFTS[1][0]) if case.startswith("cam ahead") else ({},):
+        for script in scripts.PLAIN[case]:
+            x = fresh(USUAL | changed)
+            fits = changed.keys() <= x.parameters.keys()
+            yield played(x, script, _lease(script)) if fits else None
 
 
 def _lease(script: Script) -> int:

@@ -126,7 +126,7 @@ PRESCRIBE_2 = command("prescribe", MINE, 2, Y)
 ACCEPTED_2 = received("Acceptance", MINE, 2, accepted=True)
 PAUSE = Wait(30)
 
-NEXT = (2, 2)
+NEXT, AFTER = (2, 2), (1, 2)
 AGAIN: Script = [
     received("Advertisement", NEXT),
     received("Ack", NEXT, of=("Intention", 1)),
@@ -327,6 +327,27 @@ ROOM: list[Script] = [
 ]
 """Sessions that begin with one or two entries in the outbox."""
 
+_AGAIN: list[Input] = [
+    received("Ack", MINE, of=("Fin", 1)),
+    REQUEST,
+    received("Intention", AFTER),
+    WINDOW,
+    command("prescribe", AFTER, 1, Y),
+    received("Acceptance", AFTER, accepted=True),
+]
+"""Another own session, from the end of the first one to ACTUATING."""
+
+
+def _anew(first: Cam, between: Script, cam: Cam) -> list[Script]:
+    """In each of two sessions a first CAM, of which one is generated long before the other."""
+    found: list[Script] = []
+    for one, other in ((0, 10**9), (10**9, 0)):
+        heard = With({"generation_ms": one}, first)
+        heard_next = With({"generation_ms": other}, cam)
+        found.append([heard, *between, heard_next, Wait(100), cam, expire("cam")])
+    return found
+
+
 _CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
 
 _OVERHEARD: list[Input] = [
@@ -386,6 +407,10 @@ PLAIN: dict[str, Sequence[Script]] = {
     "cam older receiver": [
         [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *older, expire("cam")]
         for older in _older(HEARD_THEM)
+    ]
+    + [
+        [*COMMITTED, ACCEPTANCE_ACKED, *script]
+        for script in _anew(HEARD_THEM, [FINISHED, *AGAIN[:-1]], cam(Y, NEXT))
     ],
     "cam ahead receiver": [
         [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *ahead, expire("cam")]
@@ -396,6 +421,7 @@ PLAIN: dict[str, Sequence[Script]] = {
     ],
     "cam older prescriber": [
         [*ACTING, *TARGET_HEARD_TWICE, *older, expire("cam")] for older in _older(HEARD_TARGET)
-    ],
+    ]
+    + [[*ACTING, *script] for script in _anew(HEARD_TARGET, [COMPLETE, *_AGAIN], cam(Y, AFTER))],
 }
 """Cases that consist only of scripts."""
