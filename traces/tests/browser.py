@@ -30,6 +30,7 @@ import browser_firefox
 import browser_firefox_checks
 import browser_room_checks
 import browser_run_checks
+import browser_share_checks
 import browser_view_checks
 from browser_pages import write_all
 from browser_stage import Browser, chromium
@@ -54,6 +55,7 @@ CHECKS = _checks(
     browser_room_checks,
     browser_colour_checks,
     browser_run_checks,
+    browser_share_checks,
 )
 FIREFOX_CHECKS = _checks(browser_firefox_checks)
 

@@ -76,7 +76,7 @@ WAYS = {
     "middle": "view.scrollTop = view.scrollHeight / 2",
     "measured": "setMark(now.row), extend(5)",
     "real time": "toggleTime()",
-    "logged": "toggleTime(), switchTimes()",
+    "logged": "toggleTime(), toggleLogged()",
 }
 """What is looked at of a page, one after the other."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -17,6 +18,7 @@ from automcm_spec.log_format.reader import read
 from automcm_spec.model_checking import models
 from automcm_traces.system.log_merge import merge
 from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_data import load
 
 COUNTEREXAMPLES = Path(__file__).parents[1] / "counterexamples"
 TEXTS = "all => all.map((one) => one.textContent)"
@@ -26,6 +28,15 @@ def _words(page: Any, selector: str) -> list[str]:
     page.evaluate("draw()")
     found: list[str] = page.eval_on_selector_all(selector, TEXTS)
     return found
+
+
+def _until(page: Any, expression: str, most_ms: int = 5000) -> None:
+    """Wait until an expression is true; the page's policy forbids ``wait_for_function``."""
+    for _ in range(most_ms // 50):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"never so: {expression}")
 
 
 def losses_are_seen_without_a_click(browser: Browser, folder: Path) -> None:
@@ -199,3 +210,78 @@ def a_counterexample_says_what_it_shows(browser: Browser, folder: Path) -> None:
             page.click("#counterexample .link")
             assert page.evaluate("now.row === VIOLATIONS[0].row && now.row >= COUNT - 3")
             assert f"✗ {broken} is violated" in page.evaluate("rowText(now.row)")
+
+
+def _with_traffic(folder: Path, logs: list[Path]) -> Path:
+    """A page of logs with road users that move by 10 m a second."""
+    users = [
+        {"number": number, "equipped": True, "length_mm": 4500, "width_mm": 1800}
+        for number in (1001, 2002, 9)
+    ]
+    frames = [
+        {
+            "number": [1001, 2002, 9],
+            "x_mm": [2000 * n, 2000 * n + 20_000, 2000 * n - 30_000],
+            "y_mm": [0, 3500, 0],
+            "heading_mrad": [0, 0, 0],
+        }
+        for n in range(60)
+    ]
+    (folder / "traffic.json").write_text(
+        json.dumps({"every_ms": 200, "users": users, "frames": frames})
+    )
+    page = load(logs)
+    page.traffic = folder / "traffic.json"
+    path = folder / "traffic.html"
+    path.write_bytes(html(page))
+    return path
+
+
+def the_traffic_is_across_the_top_and_moves_with_the_step(browser: Browser, folder: Path) -> None:
+    path = _with_traffic(folder, simulated(folder / "logs", 1001, 2002, until=6000))
+    with browser.page(path, viewport={"width": 1400, "height": 900}) as page:
+        above, main = (page.locator(part).bounding_box() for part in ("#above", "main"))
+        assert (
+            above["width"] > 1300
+            and above["height"] < 200
+            and above["y"] + above["height"] <= main["y"] + 1
+        )
+        assert page.locator("#above .vehicle").count() == 3
+        told = page.get_attribute("#above .road", "aria-label")
+        assert "1001 at" in told and "2002 at" in told
+        page.evaluate("select(COUNT - 1)")
+        later = page.get_attribute("#above .road", "aria-label")
+        assert later != told
+        page.evaluate("select(0)")
+        begun = page.get_attribute("#above .road", "aria-label")
+        page.keyboard.press(" ")
+        assert page.get_attribute("#play", "aria-pressed") == "true"
+        _until(page, "now.row > 0")
+        _until(page, f"document.querySelector('#above .road').ariaLabel !== '{begun}'")
+        page.keyboard.press(" ")
+        rested = page.evaluate("now.row")
+        page.wait_for_timeout(500)
+        assert page.evaluate("now.row") == rested, "it has paused"
+
+
+def without_traffic_play_goes_on_by_steps_to_the_end(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("play", *FOUR)) as page:
+        assert page.is_hidden("#above")
+        page.evaluate("select(now.shown.at(-4))")
+        page.click("#play")
+        _until(page, "now.row === now.shown.at(-1)")
+        _until(page, "document.getElementById('play').textContent === 'Play'")
+
+
+def two_runs_differ_in_no_message_for_others(browser: Browser, folder: Path) -> None:
+    """In the second run a station overhears a message that is for another (MSG-1)."""
+    a, b = (simulated(folder / run, 1001, 2002, 3003, until=4000) for run in "ab")
+    lines = records(b[2])
+    sent = next(
+        r for r in records(b[0]) if r.get("ev") == "send" and r["message"].get("dst") == 2002
+    )
+    at = next(n for n, r in enumerate(lines) if r.get("t_ms", 0) > sent["t_ms"])
+    heard = {name: sent[name] for name in ("rec", "t_ms", "tx", "message")} | {"ev": "receive"}
+    rewritten(b[2], [*lines[:at], heard, *lines[at:]])
+    with browser.page(browser.write_two("others", a, b)) as page:
+        assert page.evaluate("DIFFERENCE") is None or page.evaluate("DIFFERENCE === Infinity")

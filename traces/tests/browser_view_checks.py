@@ -47,7 +47,7 @@ def times_are_64_bit_and_count_from_the_start(browser: Browser, folder: Path) ->
                 row = page.locator("#svg .row .mark").first.bounding_box()
                 right = max(box[2] for box in page.evaluate(GUTTER_TEXTS))
                 assert right < row["x"], "the times stand left of the first column"
-                assert page.evaluate("location.hash") == f"#step=20{after}"
+                assert page.evaluate("location.hash") == f"#step=20&cams=1{after}"
                 page.keyboard.press("a")
         with browser.page(path, "#step=20&time=logged") as page:
             assert page.get_attribute("#logged", "aria-pressed") == "true"
@@ -219,7 +219,13 @@ def every_key_of_the_help_does_what_it_says(browser: Browser, folder: Path) -> N
         assert page.is_hidden("#keys")
         given = set(page.evaluate("Object.keys(ACTIONS)"))
         names = {"←": "ArrowLeft", "→": "ArrowRight", "↑": "ArrowUp", "↓": "ArrowDown"}
-        names |= {"\u2212": "-", "Esc": "Escape", "Page Up": "PageUp", "Page Down": "PageDown"}
+        names |= {
+            "\u2212": "-",
+            "Esc": "Escape",
+            "Space": " ",
+            "Page Up": "PageUp",
+            "Page Down": "PageDown",
+        }
         told = set()
         for line in shown:
             if line.startswith(("Shift", "Tab")):

@@ -15,5 +15,5 @@ const any = () => new Proxy(function () {}, {
 const document = any();
 document.getElementById = (id) => (id === "data" ? { textContent: data } : any());
 const nothing = Object.fromEntries(["window", "history", "getComputedStyle", "localStorage", "CSS"].map((n) => [n, any()]));
-require("vm").runInNewContext(script, { ...nothing, document, location: { hash: "" }, Node: class {},
+require("vm").runInNewContext(script, { ...nothing, document, URLSearchParams, location: { hash: "" }, Node: class {},
   matchMedia: () => ({}), ResizeObserver: class { observe() {} }, requestAnimationFrame: () => 0 });

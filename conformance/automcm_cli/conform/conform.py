@@ -72,7 +72,10 @@ def run(
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Run the test suite, or a part of it, against a station."""
+    """Run the test suite, or a part of it, against a station.
+
+    On Ctrl-C it reports what was found until then.
+    """
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.report import report as report_

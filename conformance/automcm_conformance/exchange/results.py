@@ -19,6 +19,7 @@ UNCONFIRMED = (KEPT, NONDETERMINISTIC)
 """The differences of failures that a fresh process does not show: other verdicts are doubtful."""
 CUT_SHORT = "cut short"
 """The beginning of a problem or note about a run that did not drive all."""
+INTERRUPTED = "interrupted"
 BROKE = "the kit broke"
 """The beginning of a problem that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
@@ -225,7 +226,7 @@ class Report:
     @property
     def exit_code(self) -> int:
         """0: as expected; 70: the kit broke; 1: an unexpected FAIL, or an expected deviation that
-        did not occur; else 3: an ERROR; else 4: only INCONC."""
+        did not occur; else 3: an ERROR; else 130: interrupted; else 4: only INCONC."""
         if self.broke:
             return 70
         verdicts = {case.verdict for case in self.unexpected}
@@ -233,6 +234,8 @@ class Report:
             return 1
         if "ERROR" in verdicts:
             return 3
+        if INTERRUPTED in self.notes:
+            return 130
         return 4 if verdicts else 0
 
     def as_dict(self) -> dict[str, object]:

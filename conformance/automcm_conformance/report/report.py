@@ -6,9 +6,11 @@ Much of a report is text of a program under test.  All text that is shown goes t
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from difflib import SequenceMatcher
 from pathlib import Path
 
 from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
@@ -27,7 +29,9 @@ from automcm_conformance.exchange.results import (
 )
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, errors_of, printable
+from automcm_spec.support.paths import TLA
 from automcm_spec.support.templates import environment
+from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.checker.finding import Finding, Where, Why
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
@@ -61,6 +65,7 @@ MAX_PAGES = 20
 """A run has at most this many pages; further cases have logs only."""
 LIMIT = 4000
 """At most this many characters of a text are shown; report.json has all."""
+Parts = list[tuple[str, bool]]
 _REPORT = TypeAdapter(Report)
 
 
@@ -168,6 +173,11 @@ def html(reports: list[Report]) -> str:
         matrices=[matrix(report) for report in reports],
         rows=groups(reports),
         about=about,
+        compared=compared,
+        divided=divided,
+        of_case=lambda report, id_: next(case for case in report.cases if case.id == id_),
+        rules=_cited(reports),
+        sources=_sources(reports),
         seen_in=seen_in,
         conformance=conformance,
         levels=levels,
@@ -181,6 +191,66 @@ def html(reports: list[Report]) -> str:
         VERDICTS=VERDICTS,
     )
     return "\n".join(line.rstrip() for line in text.split("\n"))
+
+
+def compared(failure: Failure) -> tuple[list[Parts], list[Parts]]:
+    """The allowed and the received answers as parts: a text, and whether it differs.
+
+    What was received is compared with the allowed answer that is most like it.
+    """
+    came = "\n".join(failure.came)
+    near = max(failure.allowed, key=lambda one: _matcher(one, came).ratio(), default="")
+    allowed = [
+        _parts(one, came, 0) if one == near and came else [(one, False)] for one in failure.allowed
+    ]
+    return allowed, [_parts(near, one, 1) if near else [(one, False)] for one in failure.came]
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"\s+|[\w.-]+|\W", text)
+
+
+def _matcher(a: str, b: str) -> SequenceMatcher[str]:
+    return SequenceMatcher(None, _words(a), _words(b), autojunk=False)
+
+
+def _parts(a: str, b: str, side: int) -> Parts:
+    """The words of one of two texts, and whether the other has them."""
+    words = _words((a, b)[side])
+    return [
+        ("".join(words[i:j]), tag != "equal")
+        for tag, *at in _matcher(a, b).get_opcodes()
+        for i, j in [at[2 * side : 2 * side + 2]]
+        if i < j
+    ]
+
+
+def divided(
+    reports: list[Report], cases: list[CaseResult]
+) -> tuple[list[CaseResult], list[CaseResult]]:
+    """The cases to look at, and those that passed or were skipped in each run."""
+    loud = {report.cases[n].id for report in reports for n in wrong(report)}
+    return [case for case in cases if case.id in loud], [c for c in cases if c.id not in loud]
+
+
+def _failures_of(reports: list[Report]) -> list[Failure]:
+    return [failure for r in reports for case in r.cases for failure in case.failures]
+
+
+def _cited(reports: list[Report]) -> dict[str, str]:
+    """The rules of the cases that did not pass, with their texts."""
+    ids = {failure.rule for failure in _failures_of(reports)}
+    ids |= {rule for r in reports for n in wrong(r) for rule in r.cases[n].rules}
+    return {rule: RULES[rule] for rule in sorted(ids & RULES.keys())}
+
+
+def _sources(reports: list[Report]) -> dict[str, list[tuple[int, str]]]:
+    """The operators of Station.tla that failures name, as numbered lines."""
+    known = operators(TLA)
+    names = sorted({failure.operator for failure in _failures_of(reports)} & known.keys())
+    return {
+        name: list(enumerate(known[name][1].rstrip().split("\n"), known[name][0])) for name in names
+    }
 
 
 def visible(text: str, lines: bool = False, limit: int = LIMIT) -> str:

@@ -244,6 +244,9 @@ class Runner:
             if tour is None or run.lines >= BULK:
                 self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
                 self._judge_sent(run)
+        if self.ended:  # what was sent is judged, too
+            run.unsent = []
+            self._judge_sent(run)
         if self.cut_short:
             return
         tours.usable(run.attempts)

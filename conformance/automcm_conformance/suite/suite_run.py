@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import signal
+import threading
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +13,7 @@ from pathlib import Path
 from time import monotonic
 
 from automcm_conformance.adapter.adapter import Adapter
-from automcm_conformance.exchange.results import BROKE, Report
+from automcm_conformance.exchange.results import BROKE, INTERRUPTED, Report
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import named_cases, two_peer_pairs
 from automcm_conformance.suite.graph_cases import Notify, Runner
@@ -54,14 +56,14 @@ def conform(
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.quick = stop_after, quick
     try:
-        with uncollected():
+        with uncollected(), _finishing(runner):
             if any(purpose.select for purpose in purposes):
                 tours(runner, graphs)
                 if not quick:
                     named_cases.samples(runner, folder)
             special(runner, graphs, purposes, folder)
     except KeyboardInterrupt:
-        runner.ended = "interrupted"
+        runner.ended = INTERRUPTED
     except (OSError, OracleError):
         raise
     except Exception as error:  # a fault of ours must not cost what was found so far
@@ -70,6 +72,25 @@ def conform(
     finally:
         adapter.stop()
     return report(runner, folder, spec, selectors, expected)
+
+
+@contextmanager
+def _finishing(runner: Runner) -> Iterator[None]:
+    """The first Ctrl-C lets the run judge what was sent; the second ends it at once."""
+
+    def end(*_: object) -> None:
+        if runner.ended:
+            raise KeyboardInterrupt
+        runner.ended = INTERRUPTED
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    was = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, was)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from pathlib import Path
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.exchange import records, transcript
 from automcm_conformance.exchange.results import (
+    INTERRUPTED,
     VERDICTS,
     CaseResult,
     Failure,
@@ -105,7 +106,8 @@ def report(
         about = f"{runner.elsewhere.rule}: {runner.elsewhere.what}"
         notes.append(f"a case that was not chosen fails: {about}")
     if runner.cut_short:
-        (notes if runner.has_enough else problems).append(runner.cut_short)
+        is_wanted = runner.has_enough or runner.cut_short == INTERRUPTED
+        (notes if is_wanted else problems).append(runner.cut_short)
     return Report(
         implementation(runner),
         cases,

@@ -78,11 +78,14 @@ class Canonical:
         """The canonical seq of the station's own messages, by session and seq."""
 
     def steps(self) -> Iterator[CanonicalStep]:
-        """The steps, without CAMs and without the timer that each CAM re-arms."""
+        """The steps, without CAMs, the timer that each CAM re-arms, and messages for others."""
         step: list[tuple[int, Event]] = []
+        mine = self._log.header.station
         for line, event in self._log.events:
             if event.ev not in self._kinds or (isinstance(event, Send) and event.is_cam):
                 continue
+            if isinstance(event, Receive) and (event.message or {}).get("dst", mine) != mine:
+                continue  # it is ignored (MSG-1)
             if event.is_input and step:
                 yield from self._canonical_step(step)
                 step = []

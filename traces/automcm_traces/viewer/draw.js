@@ -45,7 +45,9 @@ function draw() {
     for (const arrow of touching(arrows, arrowReach, first, last)) {
       if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y, signs, labels);
     }
+    labelArrows(labels, signs);
     drawDue(arrowLayer, y);
+    if (now.time) drawRuler(lines, at, size);
     drawMarks(marks, a, b, y, seen);
     if (TWO) lines.append(divide(size));
     drawDifference(fixed, y, size);
@@ -193,8 +195,9 @@ function drawArrow(layer, arrow, y, signs, labels) {
   const { kind } = arrow, from = lifeline(arrow.from), to = lifeline(arrow.to);
   const height = (row) => y(isShown(row) ? row : headOf(row));
   const group = make("g", { class: `arrow ${ARROWS[kind].replace(" ", "-")}` });
-  const faded = past(arrow.first) || past(arrow.last);
-  if (faded) group.classList.add("past");
+  if (past(arrow.first) || past(arrow.last)) group.classList.add("past");
+  if (isDimmed(arrow.first)) group.classList.add("dimmed");
+  group.dataset.row = arrow.first;
   group.append(make("title", {}, `${became(arrow)}: ${text(arrow.first)}`));
   const y1 = height(arrow.first), side = Math.sign(to - from) || 1;
   const x1 = from + side * 5;
@@ -212,7 +215,10 @@ function drawArrow(layer, arrow, y, signs, labels) {
     const y2 = height(arrow.last);
     group.classList.add(cause(arrow.last));
     stopped(group, x1, y1, to - side * 9, y2);
-    if (y2 >= HEAD + 8) sign(group, to - side * 17, y2 - 8, initial(cause(arrow.last)));
+    if (y2 >= HEAD + 8) {
+      signs.push({ x: to - side * 17, y: y2 - 8 });
+      sign(group, to - side * 17, y2 - 8, initial(cause(arrow.last)));
+    }
   } else if (kind === UNOBSERVED) {
     line(group, x1, y1, to - side * 9, y1, false);
     signed(to, "?");
@@ -222,18 +228,23 @@ function drawArrow(layer, arrow, y, signs, labels) {
     else line(group, x1, y1, x2 - side * 4, y2, false);
     if (kind === LOST) cross(group, x2, y2);
   }
-  if (kind !== OVERHEARD && kind !== SENDER_UNOBSERVED && kind !== FORGED) labelArrow(group, arrow, x1, y1, side, labels);
+  if (kind !== OVERHEARD && kind !== SENDER_UNOBSERVED && kind !== FORGED) labels.push({ group, arrow, x: x1, y: y1, side });
   layer.append(group);
 }
 
-/** The type of a message where its arrow begins, if there is room; once for each that was sent. */
-function labelArrow(group, arrow, x, y, side, labels) {
-  const type = typeOf(arrow.first), wide = textWidth(type), left = side > 0 ? x + 8 : x - 8 - wide;
-  const narrow = wide + 22 > Math.abs(lifeline(arrow.to) - x) || y < HEAD + 12;
-  const taken = labels.some((one) => one.row === arrow.first || Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide);
-  if (!type || narrow || taken) return;
-  labels.push({ row: arrow.first, y, left, wide });
-  group.append(make("text", { class: "label", x: left, y: y - 4 }, type));
+/** The types of messages where their arrows begin, if there is room; once for each that was sent. */
+function labelArrows(wanted, signs) {
+  const placed = [];
+  for (const { group, arrow, x, y, side } of wanted) {
+    const type = typeOf(arrow.first), wide = textWidth(type), left = side > 0 ? x + 8 : x - 8 - wide;
+    const narrow = wide + 22 > Math.abs(lifeline(arrow.to) - x) || y < HEAD + 12;
+    const taken = placed.some((one) => one.row === arrow.first
+      || (Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide));
+    const signed = signs.some((one) => Math.abs(one.y - y + 4) < 16 && one.x > left - 8 && one.x < left + wide + 8);
+    if (!type || narrow || taken || signed) continue;
+    placed.push({ row: arrow.first, y, left, wide });
+    group.append(make("text", { class: "label", x: left, y: y - 4 }, type));
+  }
 }
 
 function line(group, x1, y1, x2, y2, pointed) {
@@ -274,7 +285,8 @@ const MARKS = {
   command: "M0 -5L5 0L0 5L-5 0Z", indication: "M-5 -4h10l-5 9Z", restart: "M-5 -5h10v10h-10Z",
 };
 
-const styleOf = (row) => `${kind(row)}${cause(row) && " rejected"}${past(row) ? " past" : ""}`;
+const styleOf = (row) =>
+  `${kind(row)}${cause(row) && " rejected"}${past(row) ? " past" : ""}${isDimmed(row) ? " dimmed" : ""}`;
 
 /** Of each row a mark on its lifeline. */
 function drawMarks(layer, a, b, y, seen) {

@@ -2,7 +2,7 @@
 
 const KEYS = [
   ["Steps", [["← →, h l, ↑ ↓, k j", "step back, step forward"], ["Page Up, Page Down", "a window back or forward"],
-    ["Home, End", "first, last"], ["g", "go to a step"], ["/", "search; Esc leaves the field"],
+    ["Home, End", "first, last"], ["Space", "play, or pause"], ["g", "go to a step"], ["/", "search; Esc leaves the field"],
     ["n, N", "next or previous row with the text"], ["d", "the divergence, or the hazard"],
     ...(TWO ? [["f", "the first difference"]] : [])]],
   ["Time", [["m", "mark the row: time is measured from it"], ["Shift ↑ ↓, Shift-click", "measure from the row to another"],
@@ -12,7 +12,7 @@ const KEYS = [
     [", .", "make it narrower, wider; also drag its edge"], ["[ ]", "make the words narrower, wider"],
     ["r", "the columns as they were"]]],
   ["View", [["x", "unfold the copies of a message (▸ ×3), or fold them"], ["X", "all copies"], ["c", "CAMs"],
-    ["T", "timers"], ["b", "the rows as a table"], ["D", "light or dark"], ["Tab", "to the buttons and filters"],
+    ["T", "timers"], ["o", "follow the message: the rest is dim; also click an arrow"], ["b", "the rows as a table"], ["D", "light or dark"], ["Tab", "to the buttons and filters"],
     ["?", "this help"]]],
 ];
 
@@ -36,14 +36,14 @@ const ACTIONS = {
   ArrowRight: () => step(1), l: () => step(1), ArrowDown: () => step(1), j: () => step(1),
   PageUp: () => step(-Math.floor(view.clientHeight / HEIGHT)), PageDown: () => step(Math.floor(view.clientHeight / HEIGHT)),
   Home: () => step(-COUNT), End: () => step(COUNT), g: goTo, d: jump, f: jumpToDifference, n: () => find(1), N: () => find(-1),
-  "/": focusSearch, "?": help,
-  m: toggleMark, z: zoomToSpan, 0: showWhole, Escape: showWhole, t: toggleTime, a: switchTimes,
+  " ": togglePlay, "/": focusSearch, "?": help,
+  m: toggleMark, z: zoomToSpan, 0: showWhole, Escape: showWhole, t: toggleTime, a: toggleLogged,
   "+": () => zoom(2), "-": () => zoom(0.5),
   "<": () => moveColumn(ownColumn(), -1), ">": () => moveColumn(ownColumn(), 1),
   ",": () => widen(ownColumn(), layout.width[ownColumn()] - 16), ".": () => widen(ownColumn(), layout.width[ownColumn()] + 16),
   "[": () => widenWords(layout.words - 24), "]": () => widenWords(layout.words + 24), r: resetColumns,
   x: () => toggleCopies(now.row), X: () => toggleFilter("copies"), c: () => toggleFilter("cams"),
-  T: () => toggleFilter("timers"), b: toggleTable, D: toggleTheme,
+  T: () => toggleFilter("timers"), b: toggleTable, o: () => setFollow(!now.follow), D: toggleTheme,
 };
 const EXTENDING = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 };
 

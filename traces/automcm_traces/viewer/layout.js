@@ -9,10 +9,10 @@ const room = document.getElementById("room");
 /* What is selected and how it is shown. `mark` is the row from which time is measured, `span` the
    first and last row when the drawing shows no others. `passed` are the rows that pass the filters,
    `shown` the first of each step among them, `before` how many of these come before a row. `order`
-   has the columns of each run, `widths` those that were resized, `words` the width of the words. */
+   has the columns of each run, `widths` those that were resized, `words` the width of the words. With `follow`, all but the selected message is dim. */
 const now = { row: -1, mark: -1, span: null, time: false, logged: false, scale: 0.2, shown: [],
   passed: new Uint8Array(COUNT), before: new Int32Array(COUNT + 1), unfolded: new Set(),
-  order: columnsOfRuns(), widths: new Map(), words: 0 };
+  order: columnsOfRuns(), widths: new Map(), words: 0, follow: false };
 /* `step` and `gutter` are the widths of the steps and of these with the times. By run, `text` is
    where the words begin, and `spans` where the run begins and how wide it is. */
 const layout = { step: STEP_WIDE, gutter: 100, words: 0, text: [], x: [], width: [], spans: [], total: 0 };
@@ -62,7 +62,7 @@ function arrange() {
   layout.gutter = layout.step + Math.max(50, 20 + widest() * 7);
   const used = COLUMNS.map((_, n) => !OTHERS.includes(n) || othersUsed().includes(n));
   const count = used.filter(Boolean).length, least = small ? 42 : TWO ? 46 : 56;
-  const free = space - layout.gutter - DIVIDE * (RUNS.length - 1);
+  const ruler = now.time ? RULER : 0, free = space - layout.gutter - DIVIDE * (RUNS.length - 1) - ruler;
   layout.words = now.words
     || Math.max(small ? 130 : 170, Math.min(longestWords, Math.floor((free - count * least) / RUNS.length)));
   const wide = Math.max(least, Math.min(260, Math.floor((free - layout.words * RUNS.length) / count)));
@@ -75,7 +75,7 @@ function arrange() {
     for (const n of columns) layout.x[n] = (x += layout.width[n]) - layout.width[n];
     return [begin, x - begin];
   });
-  layout.total = x;
+  layout.total = x + ruler;
 }
 
 /** The time of a row: from the start of the run, or as its log has it. */
@@ -99,7 +99,7 @@ const lifeline = (column) => layout.x[column] + layout.width[column] / 2;
 const fixedWidth = () => layout.gutter + (TWO ? 0 : layout.words);
 const firstRow = () => now.span?.[0] ?? 0;
 const lastShownRow = () => now.span?.[1] ?? COUNT - 1;
-const timeHeight = () => (COUNT ? (CLOCK[lastShownRow()] - CLOCK[firstRow()]) * now.scale + HEIGHT : 0);
+const timeHeight = () => (COUNT ? timeDown(CLOCK[lastShownRow()]) + HEIGHT : 0);
 
 const isShown = (row) => now.passed[row] === 1;
 /** The rows that stand side by side where a row is shown. */
@@ -110,14 +110,14 @@ const heightOfAll = () => (now.time ? timeHeight() : now.shown.length * HEIGHT) 
 
 /** Down to the middle of a row, from the top of the first. */
 function down(row) {
-  if (now.time) return (CLOCK[row] - CLOCK[firstRow()]) * now.scale + HEIGHT / 2 + gap(row);
+  if (now.time) return timeDown(CLOCK[row]) + HEIGHT / 2 + gap(row);
   return now.before[row] * HEIGHT + (isShown(row) ? HEIGHT / 2 : 0) + gap(row);
 }
 
 /** Down to a time of a log's clock, in whichever order is shown. */
 function downTo(ms) {
   const row = search(COUNT, (i) => CLOCK[i] >= ms);
-  if (now.time) return (ms - CLOCK[firstRow()]) * now.scale + HEIGHT / 2 + gap(row);
+  if (now.time) return timeDown(ms) + HEIGHT / 2 + gap(row);
   return now.before[row] * HEIGHT + gap(row);
 }
 
@@ -142,10 +142,12 @@ function rowAt(y) {
 }
 
 function resize() {
+  findCuts();
   arrange();
   room.style.height = `${Math.min(TALLEST, heightOfAll() + HEAD + HEIGHT)}px`;
   room.style.width = `${layout.total}px`;
   drawMap();
+  toHash();
   redraw();
 }
 

@@ -85,6 +85,27 @@ function step(by) {
   select(now.shown[Math.max(0, Math.min(count - 1, now.before[now.row] + by))]);
 }
 
+let playing = 0;
+const STEP_MS = 300;
+
+/** Step on by itself until the last step: each row after a while, with traffic in its own time. */
+function togglePlay() {
+  clearInterval(playing);
+  const from = CLOCK[now.row], began = performance.now();
+  playing = playing ? 0 : setInterval(() => {
+    const ms = from + performance.now() - began;
+    const next = now.before[now.row] + 1;
+    if (next >= now.shown.length) return togglePlay();
+    if (!DATA.traffic) return step(1);
+    const reached = now.shown.findLast((row) => CLOCK[row] <= ms) ?? now.row;
+    if (reached > now.row) select(reached);
+    return showTraffic(now.row, ms);
+  }, DATA.traffic ? 100 : STEP_MS);
+  const button = document.getElementById("play");
+  button.textContent = playing ? "Pause" : "Play";
+  button.setAttribute("aria-pressed", Boolean(playing));
+}
+
 function find(by) {
   const words = filters.text.value.trim().toLowerCase();
   for (let row = by > 0 ? atStep(now.row).at(-1) + 1 : now.row - 1; words && row >= 0 && row < COUNT; row += by) {
@@ -148,19 +169,15 @@ function toggleTheme() {
   resize();
 }
 
-function switchTimes() {
-  toggleLogged();
-  if (COUNT) toHash();
-}
-
 function listen() {
   const on = (id, action) => document.getElementById(id).addEventListener("click", action);
   on("previous", () => step(-1));
   on("next", () => step(1));
+  on("play", togglePlay);
   on("divergence", jump);
   if (TWO) on("difference", jumpToDifference);
   on("order", toggleTime);
-  on("logged", switchTimes);
+  on("logged", toggleLogged);
   on("narrower", () => zoom(0.5));
   on("wider", () => zoom(2));
   on("as-table", toggleTable);
@@ -169,6 +186,7 @@ function listen() {
   on("theme", toggleTheme);
   on("more", toggleControls);
   on("measure", toggleMark);
+  on("follow", () => setFollow(!now.follow));
   on("span-zoom", zoomToSpan);
   on("span-whole", showWhole);
   on("span-clear", () => setMark(-1));
@@ -201,22 +219,11 @@ function refit() {
   tall = view.clientHeight;
   resize();
   if (COUNT && wasIn) reveal(now.row);
+  if (COUNT) showTraffic(now.row);
 }
 
 function travel(y) {
   view.scrollTop = (y / map.height) * heightOfAll() - view.clientHeight / 2;
-}
-
-/** The address leads to the selected step, and says how its time is shown. */
-function toHash() {
-  history.replaceState(null, "", `#step=${STEP[now.row] + 1}${now.logged ? "&time=logged" : ""}`);
-}
-
-function fromHash() {
-  if (/[#&]time=logged\b/.test(location.hash) !== now.logged) toggleLogged();
-  const found = /[#&]step=(\d+)/.exec(location.hash);
-  if (found) select(rowOfStep(Number(found[1]) - 1));
-  return Boolean(found);
 }
 
 function begin() {
@@ -232,6 +239,7 @@ function begin() {
   if (firstWrong !== firstDivergence) button.textContent = "Hazard";
   if (TWO) document.getElementById("difference").disabled = DIFFERENCE === Infinity;
   filters.cams.checked = COUNT > 0 && ROW.flags.every((flag) => flag & OF_CAM);
+  rememberUsual();
   nameTheme();
   buildPanel();
   legend();

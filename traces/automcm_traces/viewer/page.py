@@ -23,8 +23,20 @@ VIEWER = Path(__file__).parent
 SCRIPTS = tuple(
     f"{name}.js"
     for name in (
-        *("data", "layout", "phases", "copies", "draw", "heads", "span", "map", "road", "panel"),
-        *("save", "legend", "table", "keys", "main"),
+        *(
+            "data",
+            "layout",
+            "ruler",
+            "phases",
+            "copies",
+            "draw",
+            "heads",
+            "span",
+            "map",
+            "road",
+            "panel",
+        ),
+        *("save", "legend", "table", "keys", "address", "main"),
     )
 )
 """In the order of insertion."""

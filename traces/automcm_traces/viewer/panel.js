@@ -197,7 +197,8 @@ function eventOf(row) {
       + (ROW.t[row] === sinceStart(row) ? "" : `, t_ms ${ROW.t[row]}`)
       + (session(row) ? `, session ${session(row)}` : "")),
     past(row) ? el("p", { class: "warn" }, "after the divergence: not judged") : "",
-    ends(row)];
+    ends(row),
+    contentOf(row).length > 2 ? el("button", { class: "copy", onclick: (click) => copyText(contentOf(row), click.target) }, "Copy message as JSON") : ""];
 }
 
 function roadPart(row) {
@@ -283,6 +284,7 @@ const closed = new Set();
 
 /** Everything beside the drawing, for a row. Parts that were closed stay closed. */
 function showPanel(row) {
+  showTraffic(row);
   const parts = COUNT ? [stepPart(row), roadPart(row), statePart(row), ...specPart(row)] : [];
   document.getElementById("step").replaceChildren(...parts.filter(Boolean));
   for (const part of document.querySelectorAll("#step > details")) {
@@ -392,6 +394,7 @@ function buildPanel() {
   const top = document.getElementById("verdict");
   const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", ...broken(run), badge(worst(run)), " ", ...countsOf(n), " "]);
   top.replaceChildren(el("span", {}, badges.flat(), TWO ? comparedBadge() : ""));
-  if (DATA.note) panel.append(el("p", { id: "note", class: "warn" }, DATA.note));
+  const note = el("p", { id: "note", class: "warn" }, DATA.note);
+  if (DATA.note) panel.append(DATA.note.length < 400 ? note : folded("A part of the logs is shown", false, note));
   panel.append(...RUNS.map(counterexampleOf).filter(Boolean), TWO ? comparison() : "", ...RUNS.map(judgedOf), el("div", { id: "step" }));
 }

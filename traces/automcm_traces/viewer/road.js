@@ -45,10 +45,10 @@ function ticks(strip, part, x, height) {
   }
 }
 
-/** All road users at a row, if the page has their positions: those in the frame before it. */
-function usersAt(row) {
+/** All road users at a time, if the page has their positions: those in the frame before it. */
+function usersAt(ms) {
   const { first_ms: first, every_ms: every, frames, users } = DATA.traffic;
-  const frame = frames[Math.max(0, Math.min(frames.length - 1, Math.floor((TIME[row] - first) / every)))];
+  const frame = frames[Math.max(0, Math.min(frames.length - 1, Math.floor((ms - first) / every)))];
   if (!frame) return [];
   const about = new Map(users.map((user) => [user.number, user]));
   return frame.number.map((number, n) => ({ ...about.get(number), src: number, x_mm: frame.x_mm[n],
@@ -57,19 +57,28 @@ function usersAt(row) {
 
 const SEEN = 120_000; // mm before and behind the station of the row
 
+const above = document.getElementById("above");
+
+/** The traffic from above across the page, at the time of a row or later. */
+function showTraffic(row, ms = TIME[row]) {
+  above.hidden = !DATA.traffic;
+  const found = DATA.traffic && COUNT ? traffic(row, ms, above.clientWidth || 600) : null;
+  above.replaceChildren(...(found ? [found.strip] : ["The station of this row is not on the road."]));
+}
+
 /** The traffic from above, around the station of a row: each road user as a rectangle of its size,
     those with a log with their names; null where it is not on the road. A lane is at least 14
     wide, unless the roads lie across. */
-function traffic(row) {
-  const logged = new Set(LOGS.map(({ station }) => station)), all = usersAt(row);
+function traffic(row, ms, width) {
+  const logged = new Set(LOGS.map(({ station }) => station)), all = usersAt(ms);
   const own = all.find(({ src }) => src === LOGS[ROW.log[row]].station);
   if (!own) return null;
   const everybody = all.filter(({ x_mm: x }) => Math.abs(x - own.x_mm) < SEEN), told = [];
-  const { width, margin } = ROAD, part = around(everybody);
+  const { margin } = ROAD, part = around(everybody);
   part.along = { low: own.x_mm - SEEN, size: 2 * SEEN };
   const scale = (width - 2 * margin) / part.along.size;
   const wide = part.across.size > 30_000 ? 1 : Math.max(1, 14 / (scale * 3500));
-  const height = Math.max(ROAD.height, part.across.size * scale * wide + 70);
+  const height = Math.min(280, Math.max(96, part.across.size * scale * wide + 60));
   const x = (mm) => margin + (mm - part.along.low) * scale;
   const y = (mm) => height - 34 - (mm - part.across.low) * scale * wide;
   const strip = make("svg", { class: "road", viewBox: `0 0 ${width} ${height}`, role: "img" });
@@ -93,7 +102,7 @@ function traffic(row) {
 
 /** A strip with each vehicle as a wedge that points where it drives; null without CAMs. */
 function road(run, row) {
-  if (DATA.traffic) return traffic(row);
+  if (DATA.traffic) return null;
   const known = [...camRows[run]].sort(([a], [b]) => a - b).slice(0, 40)
     .map(([, rows]) => lastCam(rows, row)).filter((last) => last >= 0).map(cam);
   if (!known.length) return null;

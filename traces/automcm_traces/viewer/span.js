@@ -67,6 +67,7 @@ function zoomToSpan() {
 /** Show all rows again, as they were before, without the mark. */
 function showWhole() {
   now.mark = -1;
+  setFollow(false);
   if (now.span) leaveSpan();
   showSpan();
   redraw();
@@ -97,6 +98,11 @@ function dragSpan(press) {
     }
     if (press.shiftKey && now.mark < 0) now.mark = now.row;
     if (from !== undefined) select(from, true);
+    const arrow = press.target.closest(".arrow:not(.due)");
+    if (arrow) {
+      select(Number(arrow.dataset.row), true);
+      setFollow(true);
+    }
     if (press.target.closest(".copies")) toggleCopies(Number(press.target.parentNode.dataset.row));
   });
 }

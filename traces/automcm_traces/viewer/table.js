@@ -31,6 +31,7 @@ function toggleTable() {
   tableFirst = Math.max(0, now.before[now.row] - ROWS / 2);
   fillTable();
   if (box.hidden) resize();
+  toHash();
 }
 
 function turnTable(by) {
