@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from automcm_maintenance.documents.repository import PAGES
 from automcm_spec.graph.oracle import Oracle
+from automcm_spec.support import markdown
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Command, Entry, Expire, Input, Receive
 
@@ -139,25 +141,5 @@ def diagram(declared: Collection[Way], found: set[Edge], role: str) -> str:
 def text(oracle: Oracle, declared: Collection[Way]) -> str:
     """Both diagrams as a Markdown page.  Raises ValueError: see ``check``."""
     found = edges(oracle)
-    parts = [_HEAD]
-    for role in ROLES:
-        drawn = diagram(declared, found, role)
-        parts.append(f"## {role.capitalize()}\n\n```mermaid\n{drawn}\n```\n")
-    return "\n".join(parts)
-
-
-_HEAD = """\
-# State diagrams
-
-Generated from the phases that the reference declares (`reference/automcm/core/phases.py`).
-Each arrow is a transition, with its rules ([protocol.md](protocol.md#5-rules)) in brackets. The
-events come from the graph of one station. `make verify` fails if declaration and graph differ.
-
-An event is a received message by its type (`Fin`, `Ack of Intention`), a command of the application
-(`prescribe`, `abort`), or a timer that `expires`. Where an event can lead to several phases, the
-indication follows a `/`.
-
-Not drawn: a restart, which leads from every phase to STANDALONE (END-8), and inputs that do not
-change the phase. One loop is drawn: a prescriber refused with a round left stays NEGOTIATING, but
-waits for its application instead of its target.
-"""
+    drawn = {role: diagram(declared, found, role) for role in ROLES}
+    return markdown.page(PAGES / "state-diagrams.md.j2", diagrams=drawn)
