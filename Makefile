@@ -66,7 +66,7 @@ test-faults: ready
 
 # Exploration of stations with two faults each: it must find and shorten them in a minute each.
 test-explore: ready
-	@$(BIN)/python conformance/tests/explored.py $(ARGS)
+	@$(BIN)/pytest -q -n 0 conformance/tests/explored.py $(ARGS)
 
 # Both engines on 2000 good logs and 2000 edited ones. ARGS: another number.
 test-traces: ready

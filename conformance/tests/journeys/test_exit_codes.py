@@ -51,6 +51,7 @@ Device = Callable[[], AbstractContextManager[int]]
 JSON, OUT = "--json", "--out"
 
 CHEAP: dict[str, Cheap] = {
+    "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
     "bench radio": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
@@ -74,7 +75,6 @@ CHEAP: dict[str, Cheap] = {
     "spec list": Cheap([], files=(JSON,)),
     "spec prove": Cheap(["--step", "backoff"], files=(JSON,), slow=True),
     "trace coverage": Cheap(["1001.ndjson"], files=(OUT, JSON), slow=True),
-    "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "trace explain": Cheap(["busy_accepted.ndjson"], files=(OUT, JSON), slow=True),
     "trace export": Cheap(["1001.ndjson"], files=(OUT, JSON)),
     "trace html": Cheap(["1001.ndjson"], files=(OUT, JSON), reads=("--compare", "--traffic")),
@@ -199,6 +199,7 @@ def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
     assert done.returncode == exit_codes.UNWRITTEN, done.stderr
     assert "Traceback" not in done.stderr and done.stderr.count("\n") < 3
     assert os.strerror(errno.EFBIG) in done.stderr
+    assert [path for path in where.glob("there*") if path.is_file()] == [], "none is cut"
 
 
 DIFF = ["trace", "diff", "1001.ndjson", "2002.ndjson"]

@@ -138,26 +138,3 @@ def test_a_command_that_is_told_to_stop_leaves_nothing(
     process.wait(timeout=LIMIT_S)
     assert until(lambda: not running()), running()
     assert list((home / "automcm" / "scratch").iterdir()) == []
-
-
-LOG = Path(__file__).resolve().parents[3] / "traces/corpus/pair/1001.ndjson"
-
-
-@pytest.mark.sweep(1)
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["trace", "explain", str(LOG), "--json", "x"],
-        ["trace", "html", str(LOG), "--out", "x"],
-        ["trace", "export", str(LOG), "--to", "svg", "--out", "."],
-        ["conform", "list", "--json", "x"],
-        ["spec", "list", "--json", "x"],
-        ["station", "--id", "1", "--listen", "0", "--for", "1", "--number-file", "x"],
-    ],
-    ids=lambda arguments: " ".join(arguments[:2]),
-)
-def test_a_file_that_cannot_be_written_whole_is_not_there(arguments: list[str], home: Path) -> None:
-    shell = ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh"]
-    done = subprocess.run([*shell, *AUTOMCM, *arguments], stdout=subprocess.DEVNULL)
-    assert done.returncode != 0
-    assert [path for path in home.iterdir() if path.is_file()] == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from automcm_spec.log_format.log import TimerArm
@@ -20,13 +19,6 @@ def test_a_whole_log_is_as_it_was(tmp_path: Path) -> None:
     )
     log = LogSlice.read(path)
     assert log.text() == log.closed_up(log.items).text() == path.read_bytes()
-
-
-def test_the_first_lines_have_the_end_of_the_log() -> None:
-    lines = LogSlice.read(PRESCRIBER, 20).text().splitlines()
-    assert len(lines) == 21
-    assert json.loads(lines[-1])["seq"] == 19
-    assert json.loads(lines[-1])["reason"] == "clean"
 
 
 def test_a_step_is_an_input_with_its_effects_and_a_cam_stands_alone() -> None:
@@ -65,15 +57,3 @@ def test_a_timer_still_runs_as_long_as_it_did() -> None:
     was = {i.line: i.event.deadline - i.event.t_ms for i in left if isinstance(i.event, TimerArm)}
     arms = [i for i in closed.items if isinstance(i.event, TimerArm)]
     assert {i.line: i.event.deadline - i.event.t_ms for i in arms} == was  # type: ignore[union-attr]
-
-
-def test_numbers_that_nothing_names_any_more_are_not_counted() -> None:
-    """The second proposal is the first if nothing names the first; END-6: 0 stays 0."""
-    log = LogSlice.read(RECEIVER)
-    gone = {id(i) for items in log.by_number()[:1] for i in items}
-    closed = log.closed_up([i for i in log.items if id(i) not in gone])
-    messages = [i.record["message"] for i in closed.items if "message" in i.record]
-    assert {m["proposal"] for m in messages if "proposal" in m} == {1}
-    assert {m["seq"] for m in messages if m["type"] == "Ack"} == {0}
-    own = {m["seq"] for m in messages if m["src"] == 2002 and m.get("seq")}
-    assert own == set(range(1, len(own) + 1))

@@ -27,8 +27,7 @@ from automcm_spec.vocabulary.messages import (
 from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, derived
 from automcm_traces.system import duration_properties
 from automcm_traces.system.log_merge import merge
-from automcm_traces.system.properties import NAMES, SystemReport, agreement, commitment, judge
-from automcm_traces.system.timeline import Moment, Timeline
+from automcm_traces.system.properties import NAMES, SystemReport, judge
 from automcm_traces.system.world import World
 
 TIMES = DEFAULTS | derived(DEFAULTS)
@@ -145,22 +144,6 @@ def test_t_4_the_target_took_a_shorter_lease(tmp_path: Path) -> None:
     assert hazard.excused and "expire lease" in hazard.fault
     assert hazard.begun_by.startswith("Prescription from 1, at ")
     assert hazard.length is not None and hazard.length.best == run.hazard()
-
-
-def test_s_2_a_cancel_of_somebody_else_ends_no_commitment() -> None:
-    held = Moment(1, 2, 0, "ACTUATING", "receiver", (1, 1), 0, 1)
-    for src, about, allowed in ((1, (1, 1), True), (3, (1, 1), False), (1, (1, 2), False)):
-        left = Moment(2, 3, 5, cause="receive Cancel", src=src, about=about)
-        line = Timeline(2, "2.ndjson", [held, left])
-        assert [holds for holds, _ in commitment([line])] == [allowed]
-
-
-def test_s_4_the_prescriber_acts_with_another_target(tmp_path: Path) -> None:
-    world = World(merge(Run(tmp_path).logs()))
-    assert [holds for holds, _ in agreement(world)] == [True]
-    line = world.timelines[1]
-    line.moments = [replace(m, target=3 if m.target else 0) for m in line.moments]
-    assert [holds for holds, _ in agreement(world)] == [False]
 
 
 def test_what_messages_order_needs_no_clock(
