@@ -266,19 +266,6 @@ def test_who_waits_is_bounded() -> None:
     assert by._waiting[0][0].signer == credentials(100 + 68).certificate.digest
 
 
-def test_of_equal_copies_that_wait_one_is_displaced() -> None:
-    by, data = new_verifier(), seal(NINE, fin(), whole=False)
-    found = [verdicts(by, data) for _ in range(verifier.WAITING_OF_ONE + 3)]
-    assert found == [[]] * verifier.WAITING_OF_ONE + [["unknown_signer"]] * 3
-    assert len(by._waiting) == verifier.WAITING_OF_ONE
-
-
-def test_a_message_that_waited_is_judged_like_any_other() -> None:
-    by, other = new_verifier(), seal(NINE, cam(8, NOW), whole=False)
-    assert verdicts(by, other) == []
-    assert verdicts(by, seal(NINE, cam(9, NOW))) == ["wrong_source", "accepted"]
-
-
 def test_a_certificate_of_an_unknown_authority() -> None:
     stranger = credentials(9, authority=OTHER_AUTHORITY)
     assert verdicts(new_verifier(), seal(stranger, fin())) == ["unknown_authority"]
