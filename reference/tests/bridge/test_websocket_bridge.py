@@ -312,3 +312,15 @@ def test_an_id_ends_one_subscription(ended: dict[str, str], left: bool) -> None:
         it.op(op="subscribe", topic=topic, id=str(n))
     it.op(op="subscribe", topic=topic, id=7)
     assert [status[:8] for status in it.statuses()] == ["id: more", "id: must"]
+
+
+async def test_one_connection_drives() -> None:
+    async with World(Recorder()) as world, client(world, "state", drives=False) as watcher:
+        async with client(world, "state") as it:
+            await it.until("state", driver=True)
+            await watcher.publish("request", scenario="lane_change")
+            assert "another connection is the driver" in await watcher.status()
+            await watcher.until("state", phase="STANDALONE", driver=True)
+        await watcher.until("state", driver=False)
+        await watcher.publish("request", scenario="lane_change")
+        await watcher.until("state", phase="ADVERTISING", driver=True)

@@ -96,3 +96,9 @@ def test_act_5_a_host_that_is_busy_at_first_loses_no_session(role: str) -> None:
 def test_act_5_a_forged_first_cam_ends_the_session(role: str) -> None:
     """Not protected (docs/security.md)."""
     assert left_at(role, [(0, FAR)]) == 1510
+
+
+def test_end_5_an_error_is_short_whatever_was_sent() -> None:
+    with pytest.raises(MessageError) as caught:
+        decode(json.dumps(advertisement(type="x" * 1_000_000)))
+    assert len(str(caught.value)) <= 200

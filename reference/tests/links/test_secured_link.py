@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import random
 import subprocess
@@ -29,7 +30,7 @@ from security_stage import (
 )
 from service_stage import Jumpy, Noted, Wire, alone
 
-from automcm.encoding.codec import JSON
+from automcm.encoding.codec import FRAME_BYTES, JSON
 from automcm.links.link import LinkError, Receiver
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Channel
@@ -363,3 +364,14 @@ def test_a_due_timer_precedes_a_rejected_datagram_in_the_log() -> None:
     lines = [json.loads(line) for line in sink.getvalue().splitlines()]
     assert [line["timer"]["name"] for line in lines if line.get("op") == "expire"]
     assert lines[-1]["rejected"] == "stale" and lines[-1]["t_ms"] == 5000
+
+
+def test_end_5_what_is_no_message_is_logged_up_to_a_frame() -> None:
+    sink, data = BytesIO(), bytes(range(256)) * 250
+    about = {"run": "x", "station": 1, "implementation": "automcm", "version": "0"}
+    service, _, _ = alone(log=LogWriter(sink, **about))
+    service.receive(data)
+    service.rejected("bad_signature", data)
+    lines = [json.loads(line) for line in sink.getvalue().splitlines()]
+    raw = [base64.b64decode(line["raw"]) for line in lines if "raw" in line]
+    assert raw == [data[:FRAME_BYTES]] * 2
