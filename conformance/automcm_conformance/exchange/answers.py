@@ -125,13 +125,20 @@ def _messages(expected: Required, found: list[Json]) -> list[Problem]:
     left = list(found)
     missing = []
     problems: list[Problem] = []
-    for message in expected.messages:
+    least = latest = -1
+    for n, message in enumerate(expected.messages):
+        if n in expected.begins:
+            least = latest
         match = next((m for m in left if _fits(message, m)), None)
         if match is None:
             missing.append(message)
         else:
             left.remove(match)
             problems += _settle(message, match, expected)
+            latest = max(latest, place := found.index(match))
+            if place < least:
+                text = f"sent before the messages of an earlier expiry: {to_json(match).decode()}"
+                problems.append(Problem("messages", text, "order of messages"))
     for message, other in zip(missing, left, strict=False):
         problems.append(_first_difference(message, other))
     unsent = Counter[str]()

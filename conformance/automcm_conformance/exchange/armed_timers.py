@@ -18,7 +18,8 @@ _TURN = attrgetter("deadline", "rank", "age")
 
 @dataclass(slots=True)
 class Running(Generic[T]):
-    """An armed timer. ``age`` orders timers of one rank: that of the older message comes first."""
+    """An armed timer. ``age`` orders timers of one rank: that of the older message comes first, and
+    messages of one input are of one age."""
 
     timer: T
     deadline: int
@@ -32,6 +33,8 @@ class ArmedTimers(Generic[T]):
     def __init__(self) -> None:
         self.running: dict[T, Running[T]] = {}
         self._ages: dict[Hashable, int] = {}
+        self.inputs = 0
+        """How many inputs have armed timers."""
         self._first: Running[T] | None = None
         self._sure = self._looked = True
 
@@ -39,7 +42,7 @@ class ArmedTimers(Generic[T]):
         """Arm a timer, or arm it again. ``message``: the message it belongs to, of type
         ``type``."""
         name = getattr(timer, "name", None) or timer[0]  # type: ignore[index]
-        age = 0 if message is None else self._ages.setdefault(message, len(self._ages))
+        age = 0 if message is None else self._ages.setdefault(message, self.inputs)
         self.running.pop(timer, None)
         place = rank(name, type_ == "Advertisement")
         self.running[timer] = Running(timer, deadline, place, age)

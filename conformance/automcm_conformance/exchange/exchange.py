@@ -346,6 +346,7 @@ class Exchange:
         after = self.oracle.states[answer.next]
         if after.role == "receiver" and self.oracle.states[answer.state].role != "receiver":
             self._joined_at[after.session[0]] = self.now
+        self.clock.inputs += 1
         for timer in answer.effect.arm:
             self._arm(timer)
         self.state = answer.next
@@ -375,7 +376,11 @@ class Exchange:
         self.wire.given = None
         if then is not None and isinstance(self.oracle.inputs[then], Restart):
             due = None  # is lost as well
+        turn = None
         while due is not None:
+            first = self.clock.running[due]
+            if turn != (turn := (first.deadline, first.rank, first.age)):
+                step.expected.begins.append(len(step.expected.messages))
             expiry = self.oracle.answer(self.state, self._expiry(due))
             if expiry is None:
                 raise Infeasible  # what is to be given up before lasts too long (ADV-8)
@@ -385,6 +390,7 @@ class Exchange:
             due = self.clock.due(self.now)
         self.wire.given = given
         if then is not None:
+            step.expected.begins.append(len(step.expected.messages))
             step.times.append(self.now)
             self._follow(step, self.oracle.given(self.state, then))
         self._expect(step)

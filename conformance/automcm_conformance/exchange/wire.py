@@ -113,7 +113,8 @@ RICH_DETAILS = {
 class Required:
     """The answer that the specification requires.
 
-    ``messages`` may come in any order. A value that the station chooses is None until it is known:
+    ``messages`` of one input may come in any order, and those of the next one after them: it
+    ``begins`` at these. A value that the station chooses is None until it is known:
     ``seq``, if several new messages share the numbers in ``fresh``, and the number of a session
     that it opens, which must be ``above`` the last. ``deadline`` may be UNKNOWN. ``marks`` are
     those of the states before, between and after, each ``marks_since`` a time in ms: a CAM has
@@ -129,6 +130,7 @@ class Required:
     marks_since: list[int] = field(default_factory=list)
     fresh: list[int] = field(default_factory=list)
     above: int = 0
+    begins: list[int] = field(default_factory=list)
     timer: str = ""
     """The name of the timer with that deadline."""
 

@@ -59,6 +59,8 @@ from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.station import Input
 
 SESSIONS, ROUNDS, PARTICIPANTS, RECEPTIONS = 300, 8, 32, 10_000
+MANY_ROUNDS = {"max_rounds": 260, "outbox_limit": 300}
+"""More than a byte can count."""
 BULK = 500
 """The number of receptions whose lines are written together."""
 STEP_MS, PAUSE_MS = 50, 7
@@ -228,6 +230,26 @@ def _rounds(fresh: Fresh, prescriber: bool) -> Played:
             x = fresh(USUAL, limits=_LIMITS | {"max_rounds": rounds})
             values = (_asked if prescriber else _instructed)(rounds, agree)
             yield _given(x, values) if x.parameters["max_rounds"] == rounds else None
+    x = fresh(USUAL, limits=_LIMITS | MANY_ROUNDS, logged=False)
+    if not MANY_ROUNDS.items() <= x.parameters.items():
+        yield None
+    elif prescriber:
+        yield _given(x, _asked(MANY_ROUNDS["max_rounds"], True))
+    else:
+        yield _late_acks(x, MANY_ROUNDS["max_rounds"])
+
+
+def _late_acks(x: Exchange, rounds: int) -> Exchange:
+    """The exchange after as many refusals. Each is sent when the copies of the two before it are
+    due, the older one first (section 3). Raises Mismatch and Broken."""
+    _given(x, WAITING)
+    for k in range(1, rounds + 1):
+        x.give(number(x, received("Prescription", THEIRS, k)), at=x.now + x.parameters["t_resend"])
+        x.give(number(x, command("refuse", THEIRS, k)))
+        if k > 2:
+            x.give(number(x, received("Ack", THEIRS, of=("Acceptance", k - 2))))
+    x.flush()
+    return x
 
 
 def _asked(rounds: int, agree: bool) -> list[Input]:

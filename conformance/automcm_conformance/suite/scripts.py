@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias, get_args
 
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.exchange.malformed_messages import named_by_acks
-from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
+from automcm_conformance.exchange.wire import COPY_REASONS, LONG_MS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
@@ -248,9 +248,11 @@ TIES: list[tuple[Script, int]] = [
     ([*COMMITTED, ACCEPTANCE_ACKED, Wait(2000)], USUAL["t_cam_loss"]),
     ([*PRESCRIBING, PRESCRIPTION_ACKED, Wait(3000)], USUAL["t_decide"] + GIVEUP_MS),
     ([*PRESCRIBING, Wait(2500)], GIVEUP_MS),
+    ([*VERIFYING, REFUSE, INSTRUCTED_2, ACCEPT_2, Wait(250)], LONG_MS),
+    ([ADVERTISED, LEAVE, received("Advertisement", NEXT), Wait(250)], LONG_MS),
 ]
 """Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
-lease. They fire in the order of section 3."""
+lease, and copies of two messages. They fire in the order of section 3."""
 
 CONTENT: dict[str, list[Script]] = {
     "Advertisement": [[REQUEST, Wait(200)]],

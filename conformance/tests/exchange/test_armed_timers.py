@@ -22,6 +22,7 @@ def test_an_older_message_is_sent_again_first() -> None:
     clock: ArmedTimers[Timer] = ArmedTimers()
     one, two = (("resend", Entry("Cancel", p, (1, 1), 1, False)) for p in (2, 3))
     for timer in (one, two, one):  # armed anew, and still the older one
+        clock.inputs += 1
         clock.arm(timer, 100, timer, "Cancel")
     assert clock.due(99) is None and clock.due(100) == one
 
