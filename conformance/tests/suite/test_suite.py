@@ -37,11 +37,11 @@ def answer(command):
     return right(command)
 """
 BROKEN = {  # of each kind one; test_process.py has more
-    "hangs": ("def bad(): time.sleep(60)", "no answer within 1 s"),
     "crashes": (
         "def bad():\n    print('Traceback: no more', file=sys.stderr, flush=True)\n    os._exit(7)",
         "answers, with exit code 7",
     ),
+    "hangs": ("def bad(): time.sleep(60)", "no answer within 1 s"),
     "rubbish": ("def bad(): return b'Hello, world\\n'", "not JSON"),
     "a gigabyte on one line": (
         "def bad():\n    for _ in range(1 << 14): os.write(1, b'x' * (1 << 16))",
