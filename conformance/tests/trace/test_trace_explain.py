@@ -80,14 +80,6 @@ def test_a_folder_stands_for_its_logs(tmp_path: Path) -> None:
     assert answer.exit_code == 3 and "contains no log" in answer.output
 
 
-def test_no_line_is_told_of_what_is_about_the_whole_log(tmp_path: Path) -> None:
-    log = tmp_path / "log.ndjson"
-    header = Path(LOGS[0]).read_text().splitlines()[0]
-    log.write_text(header + '\n{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
-    answer = automcm("trace", "explain", log)
-    assert f"{log}: CANNOT TELL: the log contains no events" in answer.output
-
-
 def test_the_worst_verdict_is_the_exit_code(wrong: Path, tmp_path: Path) -> None:
     (tmp_path / "empty.ndjson").write_text("")
     out = ("--out", tmp_path / "out")

@@ -252,13 +252,6 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
     assert one.as_dict()["findings"][0]["check"] == "seq"
 
 
-def test_a_seq_that_begins_at_0_is_no_repetition(tmp_path: Path) -> None:
-    path = write(tmp_path, HEADER, event(0), event(1), end(1))
-    assert [finding.observed for finding in lint(path)] == [
-        "must count from 1, not from 0: add 1 to each, also in the end"
-    ]
-
-
 def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:
     path = write(tmp_path, HEADER, event(1), event(2), event(2), event(1), event(2), end(2))
     assert [finding.observed for finding in lint(path) if finding.rule == "seq"] == [

@@ -158,20 +158,14 @@ def test_dumps_is_one_state_a_line() -> None:
     )
 
 
-def test_a_trace_may_be_empty() -> None:
+def test_a_trace_may_be_empty_and_all_states_have_the_same_variables() -> None:
     itf = json.loads(dumps(to_itf([], {})))
     assert itf["vars"] == itf["states"] == from_itf(itf) == []
-
-
-def test_refuses_states_with_different_variables() -> None:
     with pytest.raises(ItfError, match="state 1 has variables"):
         to_itf([ItfState({"a": 1}), ItfState({"b": 1})], {})
-
-
-@pytest.mark.parametrize("loop", [-1, 2])
-def test_refuses_a_loop_to_nowhere(loop: int) -> None:
-    with pytest.raises(ItfError, match="loop"):
-        to_itf(STATES, {}, loop=loop)
+    for loop in (-1, 2):
+        with pytest.raises(ItfError, match="loop"):
+            to_itf(STATES, {}, loop=loop)
 
 
 @pytest.mark.parametrize(

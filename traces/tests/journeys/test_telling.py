@@ -13,8 +13,6 @@ from merged_runs import Run
 from automcm_spec.vocabulary.application import Abort
 from automcm_traces.explain.explain import (
     Verdict,
-    prefix,
-    replay,
     text,
     verdict_of,
     verdicts_of,
@@ -72,20 +70,6 @@ def test_the_last_events_and_the_session_are_shown(tmp_path: Path) -> None:
     shown = text(verdict)
     assert "in session 1001/1 as receiver" in shown and "Intention ->1001" in shown
     assert all(len(line) <= 80 for line in shown.splitlines() if line.startswith("   "))
-
-
-def test_the_prefix_diverges_in_the_same_way(tmp_path: Path) -> None:
-    verdict = joins_again(tmp_path)
-    path = prefix(verdict, tmp_path / "new" / "folder")
-    again = verdict_of(path)
-    assert (again.finding.at.line, again.finding.observed, again.finding.rule) == (
-        verdict.finding.at.line,
-        verdict.finding.observed,
-        verdict.finding.rule,
-    )
-    assert not again.warnings
-    assert path.read_bytes().count(b"\n") < Path(verdict.file).read_bytes().count(b"\n")
-    assert replay(path) == f"automcm trace replay {path} -- YOUR_ADAPTER"
 
 
 def test_several_sessions_of_one_log_are_told_apart() -> None:

@@ -57,15 +57,6 @@ def test_the_script_begins_also_without_an_event(more: str, tmp_path: Path) -> N
         assert done.returncode == 0, done.stderr
 
 
-def test_every_event_of_every_log_is_there_as_it_was_logged() -> None:
-    found = events(data_of(html(load(FOUR))))
-    for path in FOUR:
-        station, *lines = records(path)[:-1]
-        mine = [event for at, _, event in found if at == station["station"]]
-        assert mine == lines
-    assert len(found) == sum(len(records(path)) - 2 for path in FOUR)
-
-
 def test_fields_of_a_vendor_are_there_as_they_were_logged(tmp_path: Path) -> None:
     lines = records(FOUR[0])
     lines[0]["implementation"]["x_build"] = 7
@@ -300,16 +291,3 @@ def test_without_javascript_there_is_a_table_of_all_rows() -> None:
     assert table is not None
     assert table[1].count("<tr><td>") == len(page.nodes)
     assert f"{FOUR[0]}: ALLOWED" in table[1]
-
-
-def test_act_4_a_prescribers_lease_is_due_with_its_margin(tmp_path: Path) -> None:
-    wanted = {}
-    for path in simulated(
-        tmp_path, 1001, 2002, seed=1, until=6000, parameters=Parameters(t_cam=500)
-    ):
-        log = read(path)
-        for bar in followed_by(log).bars:
-            event = log.events[bar.armed][1]
-            if isinstance(event, TimerArm) and event.timer.name == "lease":
-                wanted[log.header.station] = (bar.logged_ms, bar.spec_ms)
-    assert wanted == {1001: (19_799, 19_799), 2002: (20_000, 20_000)}
