@@ -169,8 +169,9 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> RunOutcome:
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     plan = planned(values, random.Random(seed))
     channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
-    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
-    return simulated(watched, plan, ablation.parameters)
+    watched = Watched(seed=seed, channel=channel, logs=logs)
+    with ablation.applied():
+        return simulated(watched, plan, ablation.parameters)
 
 
 def simulated(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> RunOutcome:

@@ -56,8 +56,8 @@ def run(values: Values, seeds: Sequence[int]) -> Values:
 
     A distance is None for a drive without a lane change.
     """
-    drives = [drive(values, seed) for seed in seeds]
     ablation = BY_NAME.get(values["ablation"], WHOLE)
+    drives = [drive(values, seed) for seed in seeds]
     b = bound_ms(ablation.parameters, values["delay_ms"])
     measured = {
         name: [None if (m := getattr(d, name)) is None else round(m, 2) for d in drives]
@@ -104,12 +104,13 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> SafetyDrive:
         until_s=UNTIL_S,
     )
     ablation = BY_NAME.get(name, WHOLE)
-    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    watched = Watched(seed=seed, channel=channel, logs=logs)
     application = LaneChange if name == LOOKS else PaperLaneChange
     made = setting.on(watched, ablation.parameters, application)
     _informed(made, watched)
     inject(faults, watched, ROLES)
-    made.run(UNTIL_S)
+    with ablation.applied():
+        made.run(UNTIL_S)
     return _driven(made, watched)
 
 

@@ -33,6 +33,7 @@ from automcm_evaluation.framework.experiment import (
     canonical,
 )
 from automcm_evaluation.sweeps.catalogue import experiment
+from automcm_maintenance.code_mutation import faults
 from automcm_spec.support import children, files
 
 FREE_BYTES = 50_000_000
@@ -71,6 +72,7 @@ def code() -> str:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in ENDINGS):
             name = path.relative_to(folder.parent).as_posix()
             digest.update(name.encode() + b"\0" + path.read_bytes())
+    digest.update((faults.CATALOGUES / "ablations.toml").read_bytes())
     return digest.hexdigest()[:12]
 
 
