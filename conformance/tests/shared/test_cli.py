@@ -218,11 +218,11 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     monkeypatch.setattr(generated_files, "_texts", lambda one_peer: texts)
     monkeypatch.setattr(generated_files, "_corpus", of_another_version)
     monkeypatch.setattr(vector_texts, "texts", raises)
-    monkeypatch.setattr(generated_files, "_counterexamples", raises)
+    monkeypatch.setattr(model_output, "counterexample", raises)
     monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
     cannot = "cannot be generated now: KeyError: 'PRE-6'"
     stale = "not what would be generated now; run make generate"
-    diagrams_, station, nowhere, vectors_, corpus, graph, remainder = generated_files.drift(
+    graph, diagrams_, station, nowhere, vectors_, corpus, remainder = generated_files.drift(
         "quick", b"another oracle", lambda text: None
     )
     assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
@@ -234,7 +234,12 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     assert nowhere == f"docs/nowhere.md: {stale}"
     assert vectors_ == f"conformance/vectors: {cannot}"
     assert corpus.startswith("traces/corpus: cannot be generated now: spec/oracle/tight.json.xz: ")
-    assert generated_files.counterexample_drift([]) == [f"traces/counterexamples: {cannot}"]
+    model = next(m for m in models.load() if m.expect == "violates")
+    result = TlcResult("violates", model.property, 10, 20, 3, 0.1)
+    verdict = models.ModelVerdict(model, "violates", model.property, result, None)
+    assert generated_files.counterexamples([verdict]).drift() == [
+        f"traces/counterexamples: {cannot}"
+    ]
     assert remainder == f"conformance/suite/remainder.json: {stale}"
 
 

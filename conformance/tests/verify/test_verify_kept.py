@@ -52,7 +52,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(generated_files, "drift", lambda *_: [])
-    monkeypatch.setattr(generated_files, "counterexample_drift", lambda _: [])
+    none = generated_files.Generated(Path(), dict)
+    monkeypatch.setattr(generated_files, "counterexamples", lambda _: none)
     monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: False)
     return fresh
 

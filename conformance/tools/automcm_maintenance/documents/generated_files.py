@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -11,13 +12,9 @@ from automcm_cli.spec import model_output
 from automcm_conformance.adapter import adapter_schema
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.suite import two_peer_pairs
-from automcm_maintenance.compilation import compiler
+from automcm_maintenance.compilation import compiler, data_independence
 from automcm_maintenance.corpus import corpus
-from automcm_maintenance.documents import (
-    attacker_table,
-    independence_tables,
-    state_diagrams,
-)
+from automcm_maintenance.documents import attacker_table, state_diagrams
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.spec_mutation import mutant_results
@@ -29,7 +26,6 @@ from automcm_spec.vocabulary import json_schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
 CORPUS_ROOT = ROOT / "traces" / "corpus"
-CORPUS = CORPUS_ROOT / "four-vehicles"
 SCHEMA = ROOT / "spec" / "automcm_spec" / "log_format" / "trace-1.schema.json"
 ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
 SECURITY = ROOT / "docs" / "security.md"
@@ -42,19 +38,80 @@ PICTURE = ROOT / "docs" / "four-vehicles.svg"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
 
 
-def _counterexamples(verdicts: Iterable[models.ModelVerdict]) -> dict[Path, str]:
-    return {
-        COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": model_output.counterexample(verdict)
-        for verdict in verdicts
-        if verdict.model.expect == "violates" and verdict.ok
-    }
+@dataclass(frozen=True)
+class Generated:
+    """Files that are made together.
+
+    ``path`` is what a finding names if they cannot be made.  Other files in ``folders`` are stale.
+    ``slow``: takes minutes.
+    """
+
+    path: Path
+    make: Callable[[], Mapping[Path, bytes]]
+    folders: Sequence[Path] = ()
+    slow: bool = False
+
+    def stale(self) -> dict[Path, bytes | None]:
+        """The files that differ, with what they must contain; None: they must not be there."""
+        wanted = self.make()
+        there = (p for folder in self.folders for p in folder.rglob("*") if p.is_file())
+        other = {path: None for path in there if path not in wanted}
+        return other | {p: d for p, d in wanted.items() if not p.exists() or _read(p) != d}
+
+    def drift(self) -> list[str]:
+        """A line for each stale file.
+
+        An exception becomes a line, because the checked code may be under change and the other
+        files must still be compared.
+        """
+        try:
+            return [_stale(path) for path in sorted(self.stale())]
+        except oracle.OracleError as error:
+            reason = error_text(error)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+        return [f"{_name(self.path)}: cannot be generated now: {reason}"]
+
+    def write(self) -> list[Path]:
+        """Renew the stale files; returns them."""
+        stale = self.stale()
+        for path, data in stale.items():
+            if data is None:
+                path.unlink()
+            elif path.suffix == ".xz":
+                oracle.write(path, data)
+            else:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                files.write(path, data)
+        return list(stale)
 
 
-def counterexample_drift(verdicts: Sequence[models.ModelVerdict]) -> list[str]:
-    """The committed counterexamples that differ from those just found."""
-    return _lines(
+def _read(path: Path) -> bytes:
+    return oracle.content(path) if path.suffix == ".xz" else path.read_bytes()
+
+
+def _stale(path: Path) -> str:
+    return f"{_name(path)}: not what would be generated now; run make generate"
+
+
+def _name(path: Path) -> str:
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
+
+
+def error_text(error: oracle.OracleError) -> str:
+    """The error's text, with paths relative to the repository."""
+    return str(error).replace(f"{ROOT}/", "")
+
+
+def counterexamples(verdicts: Iterable[models.ModelVerdict]) -> Generated:
+    """The counterexamples of these verdicts."""
+    return Generated(
         COUNTEREXAMPLES,
-        lambda: [_stale(p) for p, text in _counterexamples(verdicts).items() if _differs(p, text)],
+        lambda: {
+            COUNTEREXAMPLES / f"{v.model.cfg}.itf.json": model_output.counterexample(v).encode()
+            for v in verdicts
+            if v.model.expect == "violates" and v.ok
+        },
     )
 
 
@@ -128,31 +185,8 @@ def _corpus_of_tlc(notify: Callable[[str], None]) -> dict[Path, bytes]:
     return {CORPUS_ROOT / name: data for name, data in files.items()}
 
 
-def _superfluous(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
-    """Obsolete files in these folders of the corpus."""
-    there = [p for kind in kinds for p in (CORPUS_ROOT / kind).rglob("*") if p.is_file()]
-    return sorted(path for path in there if path not in files)
-
-
-_FROM_TLC = ("behaviours", "counterexamples")
-_AT_ONCE = ("bad", "four-vehicles", "pair", "secured")
-
-
-def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:
-    stale = [p for p, data in files.items() if not p.exists() or p.read_bytes() != data]
-    return [_stale(path) for path in sorted([*stale, *_superfluous(kinds, files)])]
-
-
-def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]:
-    changed = _superfluous(kinds, wanted)
-    for path in changed:
-        path.unlink()
-    for path, data in wanted.items():
-        if not path.exists() or path.read_bytes() != data:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            files.write(path, data)
-            changed.append(path)
-    return changed
+_FROM_TLC = tuple(CORPUS_ROOT / name for name in ("behaviours", "counterexamples"))
+_AT_ONCE = tuple(CORPUS_ROOT / name for name in ("bad", "four-vehicles", "pair", "secured"))
 
 
 def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
@@ -180,8 +214,7 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
 
 
 def _verification() -> str:
-    text = between(VERIFICATION.read_text(), "interface", independence_tables.interface())
-    text = between(text, "ids and numbers", independence_tables.uses())
+    text = between(VERIFICATION.read_text(), "ids and numbers", data_independence.table())
     return between(text, "mutants", mutant_results.load().summary)
 
 
@@ -198,70 +231,48 @@ def between(text: str, name: str, part: str) -> str:
     return f"{before}{begin}\n{part}\n{end}{after}"
 
 
-def drift(
-    profile: str,
-    one_peer: bytes,
-    notify: Callable[[str], None],
-) -> list[str]:
+def _all(one_peer: bytes, notify: Callable[[str], None]) -> Iterator[Generated]:
+    """All but the counterexamples, each after those that it is made from.
+
+    ``one_peer`` is the graph of the present specification.
+    """
+
+    def graph(of: oracle_generation.Graph) -> Mapping[Path, bytes]:
+        notify(f"oracle: {of.name}")
+        fresh = of is oracle_generation.ONE_PEER
+        return {of.path: one_peer if fresh else oracle_generation.generate(of)}
+
+    def text(path: Path, make: Callable[[], str]) -> Mapping[Path, bytes]:
+        return {path: make().encode()}
+
+    def vectors() -> Mapping[Path, bytes]:
+        return {path: text.encode() for path, text in vector_texts.texts().items()}
+
+    for of in oracle_generation.GRAPHS.values():
+        slow = of is not oracle_generation.ONE_PEER
+        yield Generated(of.path, partial(graph, of), slow=slow)
+    for path, make in _texts(one_peer).items():
+        yield Generated(path, partial(text, path, make))
+    yield Generated(VECTORS, vectors)
+    pairs = two_peer_pairs.PATH
+    yield Generated(pairs, lambda: {pairs: _two_peer_pairs().encode()}, slow=True)
+    yield Generated(CORPUS_ROOT, lambda: _corpus_of_tlc(notify), _FROM_TLC, slow=True)
+    yield Generated(CORPUS_ROOT, lambda: _corpus(), _AT_ONCE)
+
+
+def drift(profile: str, one_peer: bytes, notify: Callable[[str], None]) -> list[str]:
     """One line for each generated file that is stale or cannot be generated.
 
-    one_peer is the graph of the present specification.  The quick profile does not check the other
-    graphs, because their users check their version.
+    The quick profile leaves out what is slow: who uses the other graphs checks their version.
     """
-    whole = profile != "quick"
-    checks: list[tuple[Path, Callable[[], list[str]]]] = [
-        (path, partial(_text_drift, path, make)) for path, make in _texts(one_peer).items()
-    ]
-    checks += [
-        (VECTORS, _vectors_drift),
-        (CORPUS_ROOT, lambda: _stale_corpus(_AT_ONCE, _corpus())),
-    ]
-    if whole:
-        checks.append((CORPUS_ROOT, lambda: _stale_corpus(_FROM_TLC, _corpus_of_tlc(notify))))
-    checks += [
-        (graph.path, partial(_graph_drift, graph, one_peer, notify))
-        for graph in oracle_generation.GRAPHS.values()
-        if whole or graph is oracle_generation.ONE_PEER
-    ]
-    checks.append((two_peer_pairs.PATH, partial(_two_peer_drift, whole)))
-    return [line for path, check in checks for line in _lines(path, check)]
-
-
-def _lines(path: Path, check: Callable[[], list[str]]) -> list[str]:
-    """The findings of a check.
-
-    An exception becomes a finding, because the checked code may be under change and the other files
-    must still be compared.
-    """
-    try:
-        return check()
-    except oracle.OracleError as error:
-        reason = error_text(error)
-    except Exception as error:
-        reason = f"{type(error).__name__}: {error}"
-    return [f"{_name(path)}: cannot be generated now: {reason}"]
-
-
-def error_text(error: oracle.OracleError) -> str:
-    """The error's text, with paths relative to the repository."""
-    return str(error).replace(f"{ROOT}/", "")
-
-
-def _text_drift(path: Path, make: Callable[[], str]) -> list[str]:
-    return [_stale(path)] if _differs(path, make()) else []
-
-
-def _vectors_drift() -> list[str]:
-    return [_stale(path) for path, text in vector_texts.texts().items() if _differs(path, text)]
-
-
-def _graph_drift(
-    graph: oracle_generation.Graph, one_peer: bytes, notify: Callable[[str], None]
-) -> list[str]:
-    notify(f"oracle: {graph.name}")
-    fresh = one_peer if graph is oracle_generation.ONE_PEER else oracle_generation.generate(graph)
-    same = graph.path.exists() and oracle.content(graph.path) == fresh
-    return [] if same else [_stale(graph.path)]
+    quick = profile == "quick"
+    found = []
+    for each in _all(one_peer, notify):
+        if not (quick and each.slow):
+            found += each.drift()
+    if quick and two_peer_pairs.spec_hash() != oracle_generation.spec_hash():
+        found.append(_stale(two_peer_pairs.PATH))
+    return found
 
 
 def graph_changed(one_peer: bytes) -> bool:
@@ -277,14 +288,6 @@ def graph_changed(one_peer: bytes) -> bool:
     return bool(before != after)
 
 
-def _two_peer_drift(whole: bool) -> list[str]:
-    if not whole:
-        stale = two_peer_pairs.spec_hash() != oracle_generation.spec_hash()
-    else:
-        stale = _differs(two_peer_pairs.PATH, _two_peer_pairs())
-    return [_stale(two_peer_pairs.PATH)] if stale else []
-
-
 def _two_peer_pairs() -> str:
     """The two-peer pairs, from the graphs on disk; takes a minute."""
     two, one = (
@@ -295,44 +298,10 @@ def _two_peer_pairs() -> str:
 
 
 def write(notify: Callable[[str], None], two_peers: bool = True) -> list[Path]:
-    """Renew all generated files and return those that changed."""
-    changed = []
+    """Renew all generated files and return those that changed or were deleted."""
     verdicts = model_runs.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
-    for graph in oracle_generation.GRAPHS.values():
-        if graph is oracle_generation.TWO_PEERS and not two_peers:
-            continue
-        notify(f"oracle: {graph.name}")
-        data = oracle_generation.generate(graph)
-        if not graph.path.exists() or oracle.content(graph.path) != data:
-            oracle.write(graph.path, data)
-            changed.append(graph.path)
-    one_peer = oracle.content(oracle_generation.ONE_PEER.path)
-    texts = _counterexamples(verdicts)
-    texts |= {path: make() for path, make in _texts(one_peer).items()} | vector_texts.texts()
-    if two_peers:
-        notify("two-peer pairs")
-        texts[two_peer_pairs.PATH] = _two_peer_pairs()
-    for path, text in texts.items():
-        if _differs(path, text):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            files.write(path, text)
-            changed.append(path)
-    return changed + write_corpus(notify)
-
-
-def write_corpus(notify: Callable[[str], None]) -> list[Path]:
-    """Renew the corpus and return the files that changed or were deleted."""
-    changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(notify))
-    return changed + _write_corpus(_AT_ONCE, _corpus())
-
-
-def _differs(path: Path, text: str) -> bool:
-    return not path.exists() or path.read_text() != text
-
-
-def _name(path: Path) -> str:
-    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
-
-
-def _stale(path: Path) -> str:
-    return f"{_name(path)}: not what would be generated now; run make generate"
+    changed = counterexamples(verdicts).write()
+    for each in _all(oracle_generation.generate(oracle_generation.ONE_PEER), notify):
+        if two_peers or each.path not in (oracle_generation.TWO_PEERS.path, two_peer_pairs.PATH):
+            changed += each.write()
+    return changed

@@ -289,7 +289,7 @@ def _stages(report: VerifyReport, notify: Callable[[str], None]) -> None:
 def _of_models(report: VerifyReport, one_peer: bytes | None) -> None:
     """What is said of the verdicts beside the verdicts."""
     report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
-    report.drift += generated_files.counterexample_drift(report.verdicts)
+    report.drift += generated_files.counterexamples(report.verdicts).drift()
     report.unnoticed = (
         one_peer is not None
         and bool(report.verdicts)

@@ -156,3 +156,17 @@ def uses(xml: bytes) -> dict[tuple[str, str], list[str]]:
                 if name in names and one.at.module == "Station"
             ]
     return found
+
+
+def table() -> str:
+    """The uses as a table of docs/verification.md.  Raises the exceptions of ``sany.export``."""
+    found = uses(sany.export(MODULE))
+    rows = ["| | " + " | ".join(USES) + " |", "|---" * 5 + "|"]
+    for kind, title in (("id", "ids"), ("number", "session numbers")):
+        cells = [title]
+        for use in USES:
+            names = found[kind, use]
+            few = ", ".join(f"`{name}`" for name in names)
+            cells.append(few if len(names) <= 2 else f"{len(names)} operators")
+        rows.append("| " + " | ".join(cell or "none" for cell in cells) + " |")
+    return "\n".join(rows)

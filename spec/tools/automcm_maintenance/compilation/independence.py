@@ -7,9 +7,7 @@ wanted (docs/verification.md, section 7).
 
 from __future__ import annotations
 
-import ast
 import random
-import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -79,14 +77,6 @@ class OpenLimits:
     peers: frozenset[int]
     own_sessions: frozenset[int]
     peer_sessions: frozenset[int]
-
-    @classmethod
-    def of(cls, cfg: str) -> OpenLimits:
-        """The constants in the cfg of a model."""
-        found = re.findall(r"^ *(\w+) = (\{.*\}|\d+)$", cfg, re.MULTILINE)
-        values: dict[str, Any] = {snake(name): ast.literal_eval(value) for name, value in found}
-        sets = {name: frozenset(v) for name, v in values.items() if isinstance(v, set)}
-        return cls(**(values | sets))
 
     def station(self, module: ModuleType) -> Station:
         """The station of a loaded module with these constants."""
@@ -186,26 +176,3 @@ def _walk(station: Station, number: int, seed: int) -> Iterator[tuple[Any, Any, 
                 alike.pop(rng.randrange(KEPT))
         if earlier and rng.randrange(JUMP) == 0:
             st = rng.choice(earlier[rng.choice(list(earlier))])
-
-
-def first_violation(station: Station, lemma: str) -> Violation | None:
-    """A shortest way to a violation of a lemma, if there is one: every state is visited.
-
-    For few peers and low limits.
-    """
-    holds = getattr(station, snake(LEMMAS[lemma]))
-    inputs = sorted(station.alphabet, key=repr)
-    level, seen = [station.initial], {station.initial}
-    while level:
-        following = []
-        for st in level:
-            for i in inputs:
-                if station.offered(st, i):
-                    r = station.step(station.me, st, i)
-                    if not holds(st, r, i):
-                        return Violation(lemma, st, i, r)
-                    if r.st not in seen:
-                        seen.add(r.st)
-                        following.append(r.st)
-        level = following
-    return None
