@@ -53,7 +53,7 @@ def _command(name: str, about: str) -> None:
         _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
 
     command.__doc__ = (
-        f"{about}\n\nWrites results.json (.xz above 1 MB), a CSV file, a page and figures "
+        f"{about}\n\nWrites results.json (.xz above 1 MB), a page and figures "
         "(automcm[plot]) into a subfolder. An interrupted run continues where it stopped. "
         "Exit code 1: a proved property did not hold."
     )
@@ -91,7 +91,7 @@ def all_(
 def render(
     folder: Annotated[Path, typer.Argument(help="Folder whose subfolders contain results.json.")],
 ) -> None:
-    """Write figures, pages and CSV files from existing results."""
+    """Write figures and pages from existing results."""
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.sweeps import report
 

@@ -1,12 +1,10 @@
-"""The files of a sweep: results.json, a CSV, figures, and pages of Markdown.
+"""The files of a sweep: results.json, figures, and pages of Markdown.
 
 ``results.json`` holds the cells, their summary and the claims; all other files are made from it.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import lzma
 from collections import Counter
@@ -80,15 +78,9 @@ def write(report: Values, folder: Path) -> list[Path]:
     if len(data) > LARGE_BYTES:
         data, name, other = lzma.compress(data), other, name
     (folder / other).unlink(missing_ok=True)
-    contents: dict[str, str | bytes] = {
-        name: data,
-        f"{made.name}.csv": table(report),
-        PAGE: page(report),
-    }
-    written = []
-    for name, content in contents.items():
-        files.write(folder / name, content)
-        written.append(folder / name)
+    files.write(folder / name, data)
+    files.write(folder / PAGE, page(report))
+    written = [folder / name, folder / PAGE]
     if figures.available():
         for name, figure in made.figures(report):
             written += figures.save(figure, folder / name)
@@ -101,30 +93,6 @@ def _json(report: Values) -> str:
     cells = ",\n".join(f"  {write(cell)}" for cell in report["cells"])
     rest: str = write(report | {"cells": []}, indent=1)
     return rest.replace('"cells": []', f'"cells": [\n{cells}\n ]', 1) + "\n"
-
-
-def table(report: Values) -> str:
-    """The CSV file: a row for each cell with its parameters and its scalar results."""
-    rows = []
-    for cell in report["cells"]:
-        values = _plain("", cell["values"]) | _plain("", cell["result"])
-        rows.append(values)
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    out = io.StringIO()
-    writer = csv.DictWriter(out, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()
-
-
-def _plain(prefix: str, values: Values) -> Values:
-    found: Values = {}
-    for name, value in sorted(values.items()):  # as in results.json
-        if isinstance(value, dict):
-            found |= _plain(f"{prefix}{name}.", value)
-        elif not isinstance(value, list):
-            found[f"{prefix}{name}"] = value
-    return found
 
 
 def page(report: Values) -> str:

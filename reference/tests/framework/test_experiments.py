@@ -232,14 +232,12 @@ def test_a_full_disk_is_told_before_a_cell_is_run(
 def test_a_report_is_written_and_read_again(dice: Thrown, tmp_path: Path) -> None:
     made = run(dice, tmp_path)
     written = [path.name for path in report.write(made, tmp_path)]
-    assert written == ["results.json", "dice.csv", "README.md"]
+    assert written == ["results.json", "README.md"]
     assert report.load(tmp_path / "results.json") == made
     assert "code" not in made, "of the code at that time, so never the present one"
     lines = (tmp_path / "results.json").read_text().splitlines()
     cells = [line for line in lines if line.startswith('  {"result": ')]
     assert len(cells) == len(made["cells"])
-    sides = (tmp_path / "dice.csv").read_text().splitlines()
-    assert sides[0] == "sides,throws,seed" and sides[1].startswith("6,3,")
     text = (tmp_path / "README.md").read_text()
     found = made["summary"]["sum"]
     assert f"| dice \\| fall | 7 | {found} | **in shape only** | they are two |" in text
