@@ -94,7 +94,7 @@ def _sizes() -> Values:
     found = {message.type: message for message in sizes.carrying(sizes.trajectory(POINTS))}
     plain = {message.type: message for message in sizes.plain() if message is not cam}
     whole = plain | found | {"CAM": cam.model_copy(update={"marks": ()}), MARKED: cam}
-    return {name: measured(message)._asdict() for name, message in whole.items()}
+    return {name: measured(message) for name, message in whole.items()}
 
 
 def _drives(values: Values, seeds: Sequence[int]) -> Values:

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import NamedTuple
 
 from automcm.applications.lane_change import PaperLaneChange
 from automcm.applications.planning import intention
@@ -44,11 +43,8 @@ but no trajectory in an Advertisement, which may go without (section 2 of docs/p
 _FIRST_ID, _EPOCH_MS = 3_000_000_000, 1_800_000_000_000
 
 
-class MessageBytes(NamedTuple):
-    """The bytes of one or more messages in each codec."""
-
-    json: int
-    uper: int
+MessageBytes = dict[str, int]
+"""The bytes of one or more messages by codec."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +133,7 @@ def on_air(message: Message | Cam, points: int = 0, lean: bool = False) -> Messa
 def measured(message: Message | Cam) -> MessageBytes:
     """Its size.  Raises ExperimentError if the extra ``automcm[asn1]`` is not installed."""
     try:
-        return MessageBytes(*(len(codec(name).encode(message)) for name in CODECS))
+        return {name: len(codec(name).encode(message)) for name in CODECS}
     except CodecError as error:
         raise ExperimentError(f"bandwidth: {error}") from None
 
@@ -244,7 +240,7 @@ def session(recorded: Recorded, prescriber: int) -> Values:
     times = RATE_HZ * (end - begin) / 1000 * recorded.vehicles / len(offers)
     bins: Counter[int] = Counter()
     for sent in own:
-        bins[sent.ms // BIN_MS] += sent.forms["sent"].json
+        bins[sent.ms // BIN_MS] += sent.forms["sent"]["json"]
     peak = max(bins, key=lambda n: (bins[n], -n))
     busiest = [s for s in own if s.ms // BIN_MS == peak]
     return {
@@ -255,16 +251,13 @@ def session(recorded: Recorded, prescriber: int) -> Values:
         "certificates": certificates(own),
         "bytes": {form: by_type(own, form) for form in FORMS},
         "by_station": {
-            str(n): total([s for s in own if s.src == n])._asdict()
+            str(n): total([s for s in own if s.src == n])
             for n in sorted({sent.src for sent in own})
         },
-        "busiest": {"count": len(busiest)} | total(busiest)._asdict(),
-        "cams": {"count": len(cams)} | total(cams)._asdict(),
+        "busiest": {"count": len(busiest)} | total(busiest),
+        "cams": {"count": len(cams)} | total(cams),
         "always": {
-            form: {
-                name: round(times * value, 3)
-                for name, value in total(offers, form)._asdict().items()
-            }
+            form: {name: round(times * value, 3) for name, value in total(offers, form).items()}
             for form in FORMS[:2]
         },
     }
@@ -282,15 +275,14 @@ def certificates(sent: Sequence[Sent]) -> int:
 
 def total(sent: Sequence[Sent], form: str = "sent") -> MessageBytes:
     """The sum of all amounts."""
-    forms = [each.forms[form] for each in sent]
-    return MessageBytes(sum(each.json for each in forms), sum(each.uper for each in forms))
+    return {name: sum(each.forms[form][name] for each in sent) for name in CODECS}
 
 
 def by_type(sent: Sequence[Sent], form: str) -> dict[str, dict[str, int]]:
     """Bytes by codec and type."""
     kinds = sorted({each.type for each in sent})
     whole = {kind: total([s for s in sent if s.type == kind], form) for kind in kinds}
-    return {name: {kind: getattr(whole[kind], name) for kind in kinds} for name in CODECS}
+    return {name: {kind: whole[kind][name] for kind in kinds} for name in CODECS}
 
 
 def over_time(recorded: Recorded) -> dict[str, dict[str, list[int]]]:
@@ -301,7 +293,7 @@ def over_time(recorded: Recorded) -> dict[str, dict[str, list[int]]]:
     def add(sent: Sent, at: int, times: int) -> None:
         for name in CODECS if at < number else ():  # the end of the drive is the next one's
             line = found[name].setdefault(sent.type, [0] * number)
-            line[at] += times * getattr(sent.forms["sent"], name)
+            line[at] += times * sent.forms["sent"][name]
 
     for sent in recorded.air.sent:
         add(sent, sent.ms // BIN_MS, 1)

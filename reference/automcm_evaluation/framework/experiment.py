@@ -137,11 +137,8 @@ def share(agreed: int, trials: int, digits: int = 6) -> Values:
 
 def agreed_share(cells: Sequence[Cell], digits: int = 6) -> Values:
     """``share`` of the trials in these cells that agreed."""
-    agreed, trials = (
-        sum(each)
-        for each in ([c.result["agreed"] for c in cells], [c.values["trials"] for c in cells])
-    )
-    return share(agreed, trials, digits)
+    trials = sum(cell.values["trials"] for cell in cells)
+    return share(sum(cell.result["agreed"] for cell in cells), trials, digits)
 
 
 def columns(rows: Sequence[Values]) -> Values:

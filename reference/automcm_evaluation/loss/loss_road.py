@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
 
 from automcm.applications.lane_change import PaperLaneChange, Plan
@@ -71,16 +72,15 @@ def drive(
     }
 
 
-def block(values: Values, seed: int) -> Values:
-    """Drives in one cell: a list for each figure."""
+def block(values: Values, seed: int, over: Callable[[int], Simulation] | None = None) -> Values:
+    """Drives in one cell: a list for each figure.  ``over`` makes the simulation for a seed."""
     random = Random(seed)
-    drives = [
-        drive(
-            values,
-            random.getrandbits(31),
-            beside_m=random.uniform(*values["beside_m"]),
-            signal_m=random.uniform(*values["signal_m"]),
+    drives = []
+    for _ in range(values["trials"]):
+        own = random.getrandbits(31)
+        beside_m, signal_m = (random.uniform(*values[name]) for name in ("beside_m", "signal_m"))
+        simulation = None if over is None else over(own)
+        drives.append(
+            drive(values, own, beside_m=beside_m, signal_m=signal_m, simulation=simulation)
         )
-        for _ in range(values["trials"])
-    ]
     return columns(drives)

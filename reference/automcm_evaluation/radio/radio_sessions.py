@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 from automcm.links.link import Link
-from automcm_evaluation.framework.experiment import Values, columns
+from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.framework.intervals import mean
 from automcm_evaluation.loss import loss_road
 from automcm_evaluation.loss.loss_sessions import until_agreed
@@ -86,18 +86,8 @@ def block(values: Values, seed: int) -> Values:
 
 def drives(values: Values, seed: int) -> Values:
     """Drives in one cell, as in ``loss``: a list for each figure."""
-    random = Random(seed)
-    found = []
-    for _ in range(values["trials"]):
-        own = random.getrandbits(31)
-        simulation = OverRadio(seed=own, apart_m=values["distance_m"], load=values["load"])
-        found.append(
-            loss_road.drive(
-                values,
-                own,
-                beside_m=random.uniform(*values["beside_m"]),
-                signal_m=random.uniform(*values["signal_m"]),
-                simulation=simulation,
-            )
-        )
-    return columns(found)
+
+    def over(own: int) -> Simulation:
+        return OverRadio(seed=own, apart_m=values["distance_m"], load=values["load"])
+
+    return loss_road.block(values, seed, over)

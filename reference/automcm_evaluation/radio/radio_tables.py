@@ -13,6 +13,7 @@ from automcm_evaluation.radio.radio_traffic import (
     DistanceRow,
     Measured,
     ns3_measured,
+    summed,
 )
 
 POINTS = 3.0
@@ -48,7 +49,10 @@ def bursts(ns3: Measured, rows: Sequence[DistanceRow]) -> list[Values]:
     left out."""
     found = []
     for first in range(WIDTH_M, REACH_M + 1, BAND_M):
-        both = [_sum(part, first) for part in (ns3.rows, rows)]
+        both = [
+            summed([row for row in part if first <= row.distance_m < first + BAND_M], first)
+            for part in (ns3.rows, rows)
+        ]
         if both[0].runs >= ENOUGH:
             again = [_percent(row.next_lost, row.losses) for row in both]
             long = [_percent(row.long_runs, row.runs) for row in both]
@@ -57,12 +61,6 @@ def bursts(ns3: Measured, rows: Sequence[DistanceRow]) -> list[Values]:
                 | {"again": again, "long": long}
             )
     return found
-
-
-def _sum(rows: Sequence[DistanceRow], first: int) -> DistanceRow:
-    own = [row for row in rows if first <= row.distance_m < first + BAND_M]
-    names = [name for name in DistanceRow.model_fields if name != "distance_m"]
-    return DistanceRow(distance_m=first, **{n: sum(getattr(row, n) for row in own) for n in names})
 
 
 def _percent(part: int, of: int) -> float:

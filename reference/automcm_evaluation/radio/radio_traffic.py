@@ -215,15 +215,15 @@ def measured(traffic: FourLanes, course: Course) -> Measured:
     return Measured(traffic=traffic, busy=round(busy, 4), rows=rows)
 
 
+def summed(rows: Sequence[DistanceRow], distance_m: int) -> DistanceRow:
+    """The sum of the counts, as of this distance."""
+    names = DistanceRow.model_fields.keys() - {"distance_m"}
+    sums = {name: sum(getattr(row, name) for row in rows) for name in names}
+    return DistanceRow(distance_m=distance_m, **sums)
+
+
 def pooled(parts: Sequence[Measured]) -> Measured:
     """Several runs of one traffic, with different seeds, as one."""
-    rows = []
-    for same in zip(*(part.rows for part in parts), strict=True):
-        sums = {
-            name: sum(getattr(row, name) for row in same)
-            for name in DistanceRow.model_fields
-            if name != "distance_m"
-        }
-        rows.append(DistanceRow(distance_m=same[0].distance_m, **sums))
+    rows = [summed(r, r[0].distance_m) for r in zip(*(part.rows for part in parts), strict=True)]
     busy = sum(part.busy for part in parts) / len(parts)
     return Measured(traffic=parts[0].traffic, busy=round(busy, 4), rows=rows)

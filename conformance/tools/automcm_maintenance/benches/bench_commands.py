@@ -19,6 +19,12 @@ from automcm_spec.support import children, scratch
 app = typer.Typer()
 _RUN = TypeAdapter(BenchRun)
 FOLDER = Path(__file__).parent
+OPTIONS = [
+    *("-qs", "-c", os.devnull, "-o", "python_functions=bench_*"),
+    *("-p", "automcm_maintenance.benches.plugin", "-p", "no:cacheprovider", "-p", "no:xdist"),
+    *("--benchmark-enable", "--benchmark-min-rounds=3", "--benchmark-disable-gc"),
+    "--benchmark-timer=time.process_time",
+]
 SUBJECTS = {
     "station": "the core, codecs, sessions and memory of the reference",
     "kernels": "the trajectory kernels",
@@ -40,22 +46,8 @@ def measured(subject: str, seconds: float) -> BenchRun:
     """Run the benches of a subject, each for about this long.  Raises BenchFailure."""
     with scratch.folder("bench") as folder:
         figures = folder / "figures.json"
-        words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), "-qs"]
-        words += [
-            "-p",
-            "automcm_maintenance.benches.plugin",
-            "-p",
-            "no:cacheprovider",
-            "-p",
-            "no:xdist",
-        ]
-        words += ["-c", os.devnull, "-o", "python_functions=bench_*", f"--figures={figures}"]
-        words += [
-            "--benchmark-enable",
-            f"--benchmark-max-time={seconds}",
-            "--benchmark-min-rounds=3",
-        ]
-        words += ["--benchmark-timer=time.process_time", "--benchmark-disable-gc"]
+        words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), *OPTIONS]
+        words += [f"--figures={figures}", f"--benchmark-max-time={seconds}"]
         words = children.ending_with_parent(words)
         env = {name: value for name, value in os.environ.items() if name != "PYTEST_XDIST_WORKER"}
         done = subprocess.run(words, capture_output=True, text=True, env=env)

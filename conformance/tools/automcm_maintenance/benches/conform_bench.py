@@ -33,23 +33,19 @@ PYTHON = {
     "echo": [sys.executable, "-m", "automcm_maintenance.benches.echo_adapter"],
 }
 Bulks = list[list[bytes]]
+Commands = dict[str, list[str]]
 pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
-languages = pytest.mark.parametrize("language", ["python", "cpp"])
 
 
-@pytest.fixture(scope="module")
-def cpp(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """The C++ station and its echo adapter."""
+@pytest.fixture(scope="module", params=["python", "cpp"])
+def commands(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Commands:
+    """Of a station and of an echo adapter in this language."""
+    if request.param == "python":
+        return PYTHON
     if lacks := missing():
         pytest.skip(f"needs {lacks}")
     folder = build(tmp_path_factory.mktemp("cpp"), "echo").parent
     return {name: [str(folder / name)] for name in PYTHON}
-
-
-def command(name: str, language: str, request: pytest.FixtureRequest) -> list[str]:
-    """The command of a station or an echo adapter."""
-    found: dict[str, list[str]] = PYTHON if language == "python" else request.getfixturevalue("cpp")
-    return found[name]
 
 
 class SentLines(Adapter):
@@ -93,38 +89,25 @@ def send(command: Sequence[str], bulks: Bulks) -> None:
             process.exchange(lines)
 
 
-@languages
-def bench_echo(language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest) -> None:
+def bench_echo(commands: Commands, bulks: Bulks, timed: Timed) -> None:
     """µs a line, as below."""
-    echo = command("echo", language, request)
-    timed(lambda: send(echo, bulks), per=sum(map(len, bulks)), rounds=1)
+    timed(lambda: send(commands["echo"], bulks), per=sum(map(len, bulks)), rounds=1)
 
 
-@languages
 @beside("echo", 6)
-def bench_echo_singly(
-    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
-) -> None:
+def bench_echo_singly(commands: Commands, bulks: Bulks, timed: Timed) -> None:
     """One line at a time: the cost of a kit without batches."""
-    echo, singles = command("echo", language, request), [[x] for lines in bulks for x in lines]
-    timed(lambda: send(echo, singles[:SINGLES]), per=SINGLES, rounds=1)
+    singles = [[line] for lines in bulks for line in lines][:SINGLES]
+    timed(lambda: send(commands["echo"], singles), per=SINGLES, rounds=1)
 
 
-@languages
 @beside("echo", 10)
-def bench_unchecked(
-    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
-) -> None:
+def bench_unchecked(commands: Commands, bulks: Bulks, timed: Timed) -> None:
     """The station."""
-    station = command("station", language, request)
-    timed(lambda: send(station, bulks), per=sum(map(len, bulks)), rounds=1)
+    timed(lambda: send(commands["station"], bulks), per=sum(map(len, bulks)), rounds=1)
 
 
-@languages
 @beside("unchecked", 3)
-def bench_checked(
-    language: str, bulks: Bulks, timed: Timed, request: pytest.FixtureRequest
-) -> None:
+def bench_checked(commands: Commands, bulks: Bulks, timed: Timed) -> None:
     """The station, with every answer checked."""
-    station = command("station", language, request)
-    timed(lambda: checked(station), per=sum(map(len, bulks)), rounds=1)
+    timed(lambda: checked(commands["station"]), per=sum(map(len, bulks)), rounds=1)

@@ -13,9 +13,9 @@ import random
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 from automcm.encoding.codec import NAMES, Codec, codec
 from automcm_spec.vocabulary.messages import (
@@ -143,67 +143,59 @@ class Mutator:
         if self._text and self._random.random() < 0.6:
             tokens = self._tokens[at].copy()
             for _ in range(times):
-                self._change_tokens(tokens)
+                edge = _EDGE_TOKENS[self._below(len(_EDGE_TOKENS))]
+                self._change(tokens, self._tokens, [edge])
             return b"".join(tokens)
         data = bytearray(self._pool[at])
         for _ in range(times):
-            data = self._change_bytes(data)
+            if self._random.random() < 0.6:
+                self._change(data, self._pool, self._random.randbytes(1))
+            else:
+                data = self._change_bits(data)
         return bytes(data)
 
     def _below(self, n: int) -> int:
         return int(self._random.random() * n)
 
-    def _change_tokens(self, tokens: list[bytes]) -> None:
-        at = self._below(len(tokens)) if tokens else 0
-        match self._below(7):
+    def _change(self, parts: Any, pool: Sequence[Any], new: Sequence[Any]) -> None:
+        """Change tokens or bytes: by a new one, by others of this input, or by those of another."""
+        at = self._below(len(parts))
+        other = pool[self._below(len(pool))]
+        start, some = self._below(len(other)), 1 + self._below(8)
+        match self._below(8):
             case 0:
-                tokens[at : at + 1] = [_EDGE_TOKENS[self._below(len(_EDGE_TOKENS))]]
-            case 1 | 2:
-                other = self._tokens[self._below(len(self._tokens))]
-                if other:
-                    tokens[at : at + 1] = [other[self._below(len(other))]]
-            case 3 if tokens:
-                other_place = self._below(len(tokens))
-                tokens[at], tokens[other_place] = tokens[other_place], tokens[at]
-            case 4:
-                del tokens[at : at + 1 + self._below(4)]
-            case 5:
-                tokens[at:at] = tokens[at : at + 1 + self._below(8)]
-            case _:
-                other = self._tokens[self._below(len(self._tokens))]
-                start = self._below(len(other))
-                tokens[at:at] = other[start : start + 1 + self._below(8)]
-
-    def _change_bytes(self, data: bytearray) -> bytearray:
-        size = len(data)
-        at = self._below(size)
-        match self._below(9):
-            case 0 | 1 if size:
-                data[at] ^= 1 << self._below(8)
-            case 2 if size:
-                data[at] = self._below(256)
+                parts[at : at + 1] = new
+            case 1:
+                parts[at : at + 1] = other[start : start + 1]
+            case 2 if parts:
+                place = self._below(len(parts))
+                parts[at], parts[place] = parts[place], parts[at]
             case 3:
-                del data[at:]
+                del parts[at : at + some]
             case 4:
-                del data[at : at + 1 + self._below(8)]
+                parts[at:at] = parts[at : at + some]
             case 5:
-                data[at:at] = self._random.randbytes(1 + self._below(8))
+                parts[at:at] = other[start : start + some]
             case 6:
-                data[at:at] = data[at : at + 1 + self._below(32)]
-            case 7 if size:  # insert or delete a bit, which shifts the rest
-                value, bits = int.from_bytes(data, "big"), self._below(8 * size)
-                low = value & ((1 << bits) - 1)
-                if self._below(2):
-                    high = (value >> bits) << (bits + 1) | self._below(2) << bits
-                else:
-                    high = (value >> (bits + 1)) << bits
-                data = bytearray((high | low).to_bytes(size + 1, "big").lstrip(b"\0"))
-            case _ if self._below(2000) == 0:
-                data = (data or bytearray(1)) * (MAX_BYTES // max(size, 1) + self._below(2))
+                del parts[at:]
             case _:
-                other = self._pool[self._below(len(self._pool))]
-                data = data[:at] + other[self._below(len(other)) :]
-        return data
+                parts[at:] = other[start:]
+
+    def _change_bits(self, data: bytearray) -> bytearray:
+        size = len(data)
+        bits = self._below(8 * size)
+        if self._below(5000) == 0:
+            return (data or bytearray(1)) * (MAX_BYTES // max(size, 1) + self._below(2))
+        value = int.from_bytes(data, "big")
+        low = value & ((1 << bits) - 1)
+        match self._below(3):
+            case 0 if size:
+                value ^= 1 << bits
+            case 1:  # inserts a bit, which shifts the rest
+                value = (value >> bits) << (bits + 1) | self._below(2) << bits | low
+            case _:
+                value = (value >> (bits + 1)) << bits | low
+        return bytearray(value.to_bytes(size + 1, "big").lstrip(b"\0"))
 
 
 def check(tested: Codec, data: bytes) -> bool:
@@ -233,19 +225,16 @@ def fuzz(
     tested: Codec,
     count: int,
     seed: int,
-    progress: Callable[[int], None] | None = None,
 ) -> FuzzCounts:
     """Decode ``count`` inputs.  Raises Found for the first input that breaks the codec."""
     valid = [tested.encode(message) for message in examples()]
     mutator = Mutator(valid, f"{tested.name} {seed}", text=tested.name == "json")
     accepted = 0
-    for done in range(count):
+    for _ in range(count):
         data = mutator.next()
         if check(tested, data):
             accepted += 1
             mutator.keep(data)
-        if progress is not None and done % 20_000 == 0:
-            progress(done)
     return FuzzCounts(accepted, count - accepted)
 
 
@@ -263,19 +252,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shares = {"uper": options.count // 5, "json": options.count - options.count // 5}
     for name, count in shares.items():
         started = time.monotonic()
-
-        def progress(done: int, name: str = name, count: int = count) -> None:
-            print(f"\r{name}: {done:,} of {count:,}", end="", file=sys.stderr, flush=True)
-
-        shown = progress if sys.stderr.isatty() else None
         try:
-            outcome = fuzz(codec(name), count, options.seed, shown)
+            outcome = fuzz(codec(name), count, options.seed)
         except Found as found:
             print(f"{name}, seed {options.seed}: {found}\n{found.data.hex()}")
             return 1
-        finally:
-            if shown:
-                print("\r\033[K", end="", file=sys.stderr, flush=True)
         print(
             f"{name}, seed {options.seed}: {count:,} inputs, {outcome.accepted:,} accepted, "
             f"{outcome.refused:,} refused, {time.monotonic() - started:.0f} s"

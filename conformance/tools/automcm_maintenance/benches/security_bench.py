@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
 from itertools import count
 
 import pytest
@@ -125,25 +122,3 @@ def bench_link_verify(timed: Timed) -> None:
         verifier.receive(data[n], NOW)
 
     timed(verify)
-
-
-@pytest.fixture(scope="module")
-def openssl() -> tuple[float, float]:
-    """Signatures and verifications a second, from the last line of ``openssl speed``."""
-    program = shutil.which("openssl") or pytest.skip("openssl is not installed")
-    command = [program, "speed", "-seconds", "1", "ecdsap256"]
-    said = subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
-    row = re.search(r"ecdsa \(nistp256\).* ([\d.]+) +([\d.]+)\s*$", said)
-    return (float(row[1]), float(row[2])) if row else pytest.skip("openssl gives no figures")
-
-
-@beside("primitive_sign", 2)
-def bench_openssl_sign(openssl: tuple[float, float], figure: Figure) -> None:
-    """The program openssl."""
-    figure(1e6 / openssl[0], "µs")
-
-
-@beside("primitive_verify", 2)
-def bench_openssl_verify(openssl: tuple[float, float], figure: Figure) -> None:
-    """The program openssl."""
-    figure(1e6 / openssl[1], "µs")

@@ -70,7 +70,7 @@ def behaviours(notify: Callable[[str], None]) -> dict[str, bytes]:
         before = seen.setdefault(graph.max_rounds, set())
         walks = graph.walks(before)
         all_ = graph.transitions
-        logs = graph.all_logs([(f"{name}-{n}", walk) for n, walk in enumerate(walks, 1)])
+        logs = graph.logs([(f"{name}-{n}", walk) for n, walk in enumerate(walks, 1)])
         for n, stations in enumerate(logs, 1):
             for station, text in stations.items():
                 if not _silent(text):

@@ -224,12 +224,11 @@ class ModelGraph:
                     queue.append(target)
         return None
 
-    def logs(self, run: str, walk: Walk) -> dict[int, bytes]:
-        """The logs of a walk, by station.  Raises tlc.TlcError, BehaviourError."""
-        return self.all_logs([(run, walk)])[0]
+    def logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
+        """The logs of named walks, by station, from one query to TLC.
 
-    def all_logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
-        """The logs of several named walks, from one query to TLC."""
+        Raises tlc.TlcError, BehaviourError.
+        """
         reduced = "Reduced = TRUE" in self.cfg
         asker = _Cached(partial(effects_of, self.model.module, self.cfg))
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
