@@ -15,6 +15,7 @@ from automcm_conformance.adapter.protocol import ProtocolError
 from automcm_conformance.exchange.answers import differences
 from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
 from automcm_conformance.exchange.play import Wrong
+from automcm_conformance.exchange.records import replayed
 from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC
 
 UNSHOWN = ("hang", "start")
@@ -58,17 +59,14 @@ def _shows(error: Wrong) -> bool:
 
 def _again(adapter: Adapter, error: Wrong, steps: Sequence[Step]) -> Wrong | None:
     """The first failure when these lines are sent one by one; None if there is none."""
-    link, done = LineByLine(adapter), list[Step]()
-    for given in steps:
-        step = replace(given, expected=deepcopy(given.expected), answer=b"")
-        done.append(step)
-        try:
-            (step.answer,) = link.exchange([step.line])
-            problems = differences(step.expected, step.answer)
-        except (AdapterError, ProtocolError) as broken:
-            return Broken(done, broken)
-        if problems:
-            wrong = Mismatch(done, problems)
-            wrong.session = error.session if isinstance(error, Mismatch) else None
-            return wrong
+    again = [replace(given, expected=deepcopy(given.expected), answer=b"") for given in steps]
+    try:
+        replayed(again, LineByLine(adapter))
+    except Mismatch as wrong:
+        wrong.session = error.session if isinstance(error, Mismatch) else None
+        return wrong
+    except (AdapterError, ProtocolError) as broken:
+        answered = sum(1 for step in again if step.answer)
+        unanswered = isinstance(broken, AdapterError) and not broken.answers
+        return Broken(again[: answered + unanswered], broken)
     return None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar, Union
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model
 
 Inputs = TypeVar("Inputs")
 Outputs = TypeVar("Outputs")
@@ -333,74 +333,25 @@ class File(_Strict, Generic[Inputs, Outputs]):
     vectors: list[Vector[Inputs, Outputs]]
 
 
-class ConvertFile(File[ConvertInputs, Trajectory]):
-    kernel: Literal["convert"]
-    rule: Literal["KIN-1"]
+def _file(kernel: str, rule: str, inputs: Any, outputs: Any) -> Any:
+    """The files of a kernel."""
+    literals: Any = {"kernel": (Literal[kernel], ...), "rule": (Literal[rule], ...)}
+    base = File[inputs, outputs]
+    return create_model(f"{kernel.capitalize()}File", __base__=base, **literals)
 
 
-class ThinFile(File[ThinInputs, Thinned]):
-    kernel: Literal["thin"]
-    rule: Literal["KIN-2"]
-
-
-class CollideFile(File[CollideInputs, Collide]):
-    kernel: Literal["collide"]
-    rule: Literal["KIN-3"]
-
-
-class ExtentsFile(File[ExtentsInputs, Extents]):
-    kernel: Literal["extents"]
-    rule: Literal["KIN-3"]
-
-
-class DiscoverFile(File[DiscoverInputs, Target]):
-    kernel: Literal["discover"]
-    rule: Literal["KIN-4"]
-
-
-class PrescribeFile(File[PrescribeInputs, Motion]):
-    kernel: Literal["prescribe"]
-    rule: Literal["KIN-5"]
-
-
-class VerifyFile(File[VerifyInputs, Reasons]):
-    kernel: Literal["verify"]
-    rule: Literal["KIN-6"]
-
-
-class SuccessFile(File[SuccessInputs, Success]):
-    kernel: Literal["success"]
-    rule: Literal["KIN-7"]
-
-
-class ClockFile(File[ClockInputs, Clock]):
-    kernel: Literal["clock"]
-    rule: Literal["APP-6"]
-
-
-class CertificateFile(File[CertificateInputs, Certificate]):
-    kernel: Literal["certificate"]
-    rule: Literal["secured"]
-
-
-class EnvelopeFile(File[EnvelopeInputs, Envelope]):
-    kernel: Literal["envelope"]
-    rule: Literal["secured"]
-
-
-FILE: TypeAdapter[Any] = TypeAdapter(
-    Annotated[
-        ConvertFile
-        | ThinFile
-        | CollideFile
-        | ExtentsFile
-        | DiscoverFile
-        | PrescribeFile
-        | VerifyFile
-        | SuccessFile
-        | ClockFile
-        | CertificateFile
-        | EnvelopeFile,
-        Field(discriminator="kernel"),
-    ]
+_FILES = (
+    _file("convert", "KIN-1", ConvertInputs, Trajectory),
+    _file("thin", "KIN-2", ThinInputs, Thinned),
+    _file("collide", "KIN-3", CollideInputs, Collide),
+    _file("extents", "KIN-3", ExtentsInputs, Extents),
+    _file("discover", "KIN-4", DiscoverInputs, Target),
+    _file("prescribe", "KIN-5", PrescribeInputs, Motion),
+    _file("verify", "KIN-6", VerifyInputs, Reasons),
+    _file("success", "KIN-7", SuccessInputs, Success),
+    _file("clock", "APP-6", ClockInputs, Clock),
+    _file("certificate", "secured", CertificateInputs, Certificate),
+    _file("envelope", "secured", EnvelopeInputs, Envelope),
 )
+_ANY: Any = Union[_FILES]  # noqa: UP007
+FILE: TypeAdapter[Any] = TypeAdapter(Annotated[_ANY, Field(discriminator="kernel")])

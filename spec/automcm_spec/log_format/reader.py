@@ -76,24 +76,8 @@ class Log:
 
 def read(path: str | Path) -> Log:
     """Read the log at `path`. Raises BadInput."""
-    header: Header | None = None
-    events: list[tuple[int, Event]] = []
-    end: End | None = None
-    truncated = False
-    warnings = []
-    for entry in records(path):
-        match entry.record:
-            case Notice(kind, problem):
-                truncated = truncated or kind == "truncated"
-                warnings.append(one_line(f"{name_of(path)}:{entry.line}: {problem}"))
-            case Header() as header:
-                pass
-            case End() as end:
-                pass
-            case event:
-                events.append((entry.line, event))
-    assert header is not None, "records() yields the header first"
-    return Log(name_of(path), header, events, end, truncated, warnings)
+    stream = LogStream(path, entries=records(path))
+    return stream.log(list(stream))
 
 
 class LineSource(Protocol):

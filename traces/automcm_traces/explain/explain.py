@@ -7,7 +7,7 @@ import shlex
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -71,14 +71,7 @@ class OwnSession:
 
     def as_dict(self) -> dict[str, object]:
         """The ``--json`` form."""
-        return {
-            "session": list(self.session),
-            "role": self.role,
-            "phases": self.phases,
-            "first": self.first,
-            "last": self.last,
-            "rule": self.rule,
-        }
+        return asdict(self) | {"session": list(self.session)}
 
     def __str__(self) -> str:
         name = f"session {self.session[0]}/{self.session[1]} as {self.role}"

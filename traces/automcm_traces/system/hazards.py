@@ -11,7 +11,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 from automcm_spec.log_format.log import Receive
@@ -75,27 +75,10 @@ class Hazard:
 
     def as_dict(self) -> dict[str, object]:
         """The ``--json`` form."""
-        return {
-            "session": list(self.session),
-            "prescriber": self.prescriber,
-            "target": self.target,
-            "since": self.since,
-            "since_ms": self.since_ms,
-            "until": self.until,
-            "until_ms": self.until_ms,
-            "length": None if self.length is None else self.length.as_dict(),
-            "open": self.open,
-            "fault": self.fault,
-            "between": list(self.between),
-            "ended": self.ended,
-            "excused": self.excused,
-            "bound_ms": None if self.bound is None else self.bound.ms,
-            "bound": None if self.bound is None else self.bound.text,
-            "outcome": self.outcome,
-            "why": self.why,
-            "begun_by": self.begun_by,
-            "prolonged_by": self.prolonged_by,
-        }
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        length = None if self.length is None else self.length.as_dict()
+        ms, text = (None, None) if self.bound is None else (self.bound.ms, self.bound.text)
+        return found | {"length": length, "bound_ms": ms, "bound": text}
 
     def text(self, start_ms: Mapping[str, int] | None = None) -> str:
         """A few lines of text. ``start_ms`` has the time that counts as 0, by file."""

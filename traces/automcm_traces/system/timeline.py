@@ -6,7 +6,7 @@ check ends early.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -92,24 +92,20 @@ class Timeline:
     def periods(self, phase: str, role: str) -> Iterator[Period]:
         """Each period in which the station is in a phase and role, with one session, target and
         proposal."""
-        start: Moment | None = None
-        for m in self.moments:
-            if start is not None and m.shape != start.shape:
-                yield Period(self.station, start, m)
-                start = None
-            if start is None and (m.phase, m.role) == (phase, role):
-                start = m
-        if start is not None:
-            yield Period(self.station, start, None)
+        return self._constant(lambda m: m.shape if (m.phase, m.role) == (phase, role) else None)
 
     def sessions(self) -> Iterator[Period]:
         """Each period in which the station is in a session."""
+        return self._constant(lambda m: m.session)
+
+    def _constant(self, part: Callable[[Moment], object]) -> Iterator[Period]:
+        """Each period in which a part of the state has one value that is not None."""
         start: Moment | None = None
         for m in self.moments:
-            if start is not None and m.session != start.session:
+            if start is not None and part(m) != part(start):
                 yield Period(self.station, start, m)
                 start = None
-            if start is None and m.session is not None:
+            if start is None and part(m) is not None:
                 start = m
         if start is not None:
             yield Period(self.station, start, None)
