@@ -113,12 +113,12 @@ def _marked(expected: Required, cam: dict[str, Json]) -> bool:
 
 
 def _marks_at(expected: Required, due: int) -> list[Json]:
-    """The marks that a CAM may have that is due then: at the time of a change, either (ACT-5)."""
+    """The marks that a CAM may have that is due then: at the time of a change, or if a timer fires
+    late, either (ACT-5)."""
     if len(expected.marks_since) != len(expected.marks):
         return expected.marks  # of a replay file without times
-    until = [*expected.marks_since[1:], due]
-    periods = zip(expected.marks, expected.marks_since, until, strict=True)
-    return [marks for marks, since, end in periods if since <= due <= end] or expected.marks[:1]
+    begun = zip(expected.marks, expected.marks_since, strict=True)
+    return [marks for marks, since in begun if since <= due]
 
 
 def _messages(expected: Required, found: list[Json]) -> list[Problem]:

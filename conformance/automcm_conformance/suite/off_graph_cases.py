@@ -79,8 +79,8 @@ def sendings(fresh: Fresh, t_timeout: str) -> Played:
 
 
 def same_instant(fresh: Fresh) -> Played:
-    """``same instant``: the timer comes first, then the input."""
-    for script in scripts.SAME_INSTANT:
+    """``same instant``: the timer comes first, then the input; also if both are late."""
+    for script in (*scripts.SAME_INSTANT, *scripts.LATE):
         yield played(fresh(USUAL), script, _lease(script))
     for script, lease in scripts.TIES:
         yield played(fresh(USUAL), script, lease)

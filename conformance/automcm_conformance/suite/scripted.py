@@ -8,11 +8,23 @@ from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite.purposes import ROOM
-from automcm_conformance.suite.scripts import REFUSED, REQUEST, Ahead, At, Older, Script, Wait, With
+from automcm_conformance.suite.scripts import (
+    REFUSED,
+    REQUEST,
+    Ahead,
+    At,
+    Late,
+    Older,
+    Script,
+    Wait,
+    With,
+)
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.parameters import cam_lead
 from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer
 
+_AROUND = (At, Late, With, Older, Ahead)
+"""Steps that have an input."""
 Fresh = Callable[..., Exchange]
 """Makes a new exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
 Played = Iterator[Exchange | None]
@@ -35,6 +47,10 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
             case At(timer, value):
                 _before(x, timer)
                 x.give(number(x, value), at=x.clock.deadline(timer), lease_ms=lease_ms)
+            case Late(ms, value) if value is not None:
+                x.give(number(x, value), at=x.now + ms, lease_ms=lease_ms)
+            case Late(ms):
+                x.advance(x.now + ms)
             case With(fields, value):
                 x.give(number(x, value), lease_ms=lease_ms, fields=fields)
             case Older(ms, value):
@@ -87,11 +103,8 @@ def _begins(value: Input) -> bool:
 
 def inputs(script: Script) -> list[Input]:
     """The inputs of a script, without its steps of time and fields."""
-    return [
-        item.input if isinstance(item, At | With | Older | Ahead) else item
-        for item in script
-        if not isinstance(item, Wait)
-    ]
+    found = [item.input if isinstance(item, _AROUND) else item for item in script]
+    return [value for value in found if not isinstance(value, Wait | None)]
 
 
 def _before(x: Exchange, timer: Timer) -> None:

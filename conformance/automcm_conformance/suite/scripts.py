@@ -38,6 +38,13 @@ class At(NamedTuple):
     input: Input
 
 
+class Late(NamedTuple):
+    """Let time pass with one line, beyond deadlines; then an input."""
+
+    ms: int
+    input: Input | None = None
+
+
 class With(NamedTuple):
     """An input whose message or command has other values in these fields."""
 
@@ -59,7 +66,7 @@ class Ahead(NamedTuple):
     input: Cam
 
 
-Script: TypeAlias = Sequence[Input | Wait | At | With | Older | Ahead]
+Script: TypeAlias = Sequence[Input | Wait | At | Late | With | Older | Ahead]
 USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
 GIVEUP_MS = derived(USUAL)["t_giveup"]
 Y, MINE, THEIRS = 2, (1, 1), (2, 1)
@@ -244,6 +251,16 @@ SAME_INSTANT: list[Script] = [
 ]
 """An input at the very time of an expiry: the timer comes first."""
 
+LATE: list[Script] = [
+    [ADVERTISED, Late(250), PAUSE, INTENTION_ACKED],
+    [REQUEST, Late(250), Wait(200)],
+    [REQUEST, INTENDED, Late(2600), Wait(100), PRESCRIBE],
+    [*PRESCRIBING, Late(2150), Wait(200)],
+    [*VERIFYING, Late(650), Wait(200), INSTRUCTED],
+    [*COMMITTED, Late(250, ACCEPTANCE_ACKED), PAUSE, Late(1600), Wait(200)],
+]
+"""Timers that fire late: what they arm, themselves included, lasts from then."""
+
 TIES: list[tuple[Script, int]] = [
     ([*COMMITTED, ACCEPTANCE_ACKED, Wait(2000)], USUAL["t_cam_loss"]),
     ([*PRESCRIBING, PRESCRIPTION_ACKED, Wait(3000)], USUAL["t_decide"] + GIVEUP_MS),
@@ -400,7 +417,8 @@ PLAIN: dict[str, Sequence[Script]] = {
         [REQUEST, _WITHDRAWN_3, WITHDRAWN, _INTENDED_3, INTENDED, WINDOW],
     ],
     "restart at a deadline": [[*script, At(timer, RESTART), Wait(500)] for script, timer, _ in _DUE]
-    + [[RESTART, At(("quarantine",), value), PAUSE] for value in (ADVERTISED, RESTART)],
+    + [[RESTART, At(("quarantine",), value), PAUSE] for value in (ADVERTISED, RESTART)]
+    + [[*script, Late(250, RESTART), Wait(250)] for script in (WAITING, COMMITTED, ACTING)],
     "bounds Ack": [
         [ADVERTISED]
         + [With({"of": of}, received("Ack", THEIRS, of=("Fin", 1))) for of in named_by_acks()]

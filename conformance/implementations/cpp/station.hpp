@@ -264,20 +264,19 @@ private:
         });
     }
 
-    // Fires what is due, each at its own time, so that what it arms and the CAMs between are right.
+    // Fires what is due; what a late timer arms lasts from now. CAMs have the marks of their own time.
     void pass_time(Time now) {
+        now_ = now;
         for (auto timer = next_timer(); timer != timers_.end() && timer->second <= now;
              timer = next_timer()) {
             const auto [id, deadline] = *timer;
             send_cams_before(deadline);
-            now_ = deadline;
             timers_.erase(timer);
             if (keeps_steps_) begin_step("timer", {{"op", "expire"}, {"timer", described(id)}});
             fire(id.first, id.second);
             end_step();
         }
         send_cams_before(now + 1);
-        now_ = now;
     }
 
     void fire(Timer timer, Int of) {

@@ -192,19 +192,18 @@ func (s *Station) next() (first due, found bool) {
 	return first, found
 }
 
-// AdvanceTo moves the time and fires what is due on the way.
+// AdvanceTo moves the time and fires what is due; what a late timer arms lasts from now.
 func (s *Station) AdvanceTo(now int64) {
+	s.now = now
 	for {
 		next, ok := s.next()
 		if !ok || next.at > now {
 			break
 		}
 		s.sendCAMs(next.at)
-		s.now = next.at
 		s.expire(next)
 	}
 	s.sendCAMs(now)
-	s.now = now
 }
 
 // sendCAMs sends what has fallen due up to now, in every phase (ACT-2).
