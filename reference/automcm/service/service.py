@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from logging import getLogger
-from operator import attrgetter
 
-from automcm.core.outcome import Received, ReceivedCam, Rules
+from automcm.core.outcome import Received, ReceivedCam
 from automcm.core.state import State
 from automcm.core.station import Effects, Station
 from automcm.encoding.codec import JSON, Codec
@@ -60,7 +59,6 @@ from automcm_spec.vocabulary.messages import (
     Cam,
     Message,
     MessageError,
-    Session,
     Trajectory,
     to_dict,
 )
@@ -92,8 +90,7 @@ class McService:
     one before it is sent (END-8).  After a restart of the process, call ``restart``.  ``seed`` is
     the seed of the back-off (END-7) and of the offset of the first CAM.  ``close_window``, such
     as ``all_answered``, is asked after each answer and CAM whether the window may close (ADV-9).
-    None: it lasts ``t_advertise``, as in the paper.  Other ``rules`` and ``marks`` (of a CAM,
-    ACT-5) are for experiments that disable a rule.
+    None: it lasts ``t_advertise``, as in the paper.
 
     An exception in the application, an observer or ``keep_number`` is raised to the caller (the
     event loop, the simulation) after all other work is done, so that it ends no session.  While
@@ -112,8 +109,6 @@ class McService:
         keep_number: Callable[[int], None] = lambda number: None,
         seed: int = 0,
         codec: Codec = JSON,
-        rules: Rules | None = None,
-        marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks"),
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
         out_of_step: OutOfStep = lambda station_id, bounds: None,
@@ -125,7 +120,6 @@ class McService:
             plan=self._plan,
             number=number,
             seed=seed,
-            rules=rules,
             decode=codec.decode,
         )
         self.application, self.statistics = application, Statistics()
@@ -134,7 +128,6 @@ class McService:
         self._offsets = ClockOffsets(station_id, NEIGHBOURS, self.parameters.known, out_of_step)
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
-        self._marks = marks
         self._close_window = close_window
         self._in_time_ms = longest_delay(self.parameters.known)
         self._number = number
@@ -406,7 +399,7 @@ class McService:
         cam = Cam(
             src=self.station_id,
             generation_ms=now,
-            marks=self._marks(self.state),
+            marks=self.state.marks,
             **asdict(at),
         )
         errors: list[Exception] = []
