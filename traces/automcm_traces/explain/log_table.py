@@ -11,7 +11,7 @@ from typing import Any
 
 from automcm_spec.log_format.event_text import Kind, kind, safe, session_of, summary
 from automcm_spec.log_format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
-from automcm_spec.log_format.reader import Notice, header_of, records
+from automcm_spec.log_format.reader import LogStream, Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.system.copy_folding import OfCams
 from automcm_traces.system.event_order import Head, ordered
@@ -93,10 +93,11 @@ class Logs:
     def rows(self) -> Iterator[TableRow]:
         """All rows, read lazily: several logs twice, to match their messages."""
         paths = [self._paths[station] for station in self.stations]
-        alone = len(paths) == 1
-        matches = Matches(
-            [Ledger.of_unread(path) if alone else Ledger.read(path) for path in paths]
-        )
+        if len(paths) == 1:
+            ledgers = [Ledger.of_unread(paths[0])]
+        else:
+            ledgers = [Ledger.of(LogStream(path, past_gaps=True)) for path in paths]
+        matches = Matches(ledgers)
         fates = Fates(matches)
         feeds = [self._feed(i, fates) for i in range(len(paths))]
         for (row,) in ordered(feeds, matches.clocks.offsets()):

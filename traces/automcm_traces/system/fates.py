@@ -154,7 +154,8 @@ class Fates:
             unmatched = self._unmatched(node, m, tx)
             return None if unmatched is None else Arrow(source_of(m), me, unmatched, None, node)
         source = self._matches.stations[match.sent[0]]
-        addressed = me in addressees(source, m, self._matches.stations)
+        to = m.get("dst", 0)
+        addressed = to == me or type(to) is not int or to <= 0
         fate: Fate = "duplicated" if match.again else "delivered" if addressed else "overheard"
         return None if source == me else Arrow(source, me, fate, match.sent, node)
 

@@ -29,6 +29,8 @@ class Merged:
     """The logs of one run, sorted by station, and the matches between them."""
 
     logs: tuple[Log, ...]
+    stations: list[int]
+    """The stations of the logs, in order."""
     clocks: Clocks
     matches: dict[Node, Match] = field(default_factory=dict)
     """The transmission of each reception."""
@@ -39,7 +41,8 @@ class Merged:
     notices: list[str] = field(default_factory=list)
     _order: list[Node] = field(default_factory=list)
     _cycles: list[str] = field(default_factory=list)
-    _past: list[list[tuple[int, tuple[int, ...]]]] = field(default_factory=list)
+    _past: list[tuple[list[int], list[tuple[int, ...]]]] = field(default_factory=list)
+    """For each log, the events that depend on others, and what they depend on (``_known``)."""
 
     @property
     def order(self) -> list[Node]:
@@ -58,15 +61,9 @@ class Merged:
         """The name of the run, equal in all logs."""
         return self.logs[0].header.run
 
-    @property
-    def stations(self) -> list[int]:
-        """The stations of the logs, in order."""
-        return [log.header.station for log in self.logs]
-
     def place(self, station: int) -> int | None:
         """The index of a station's log; None if there is none."""
-        stations = self.stations
-        return stations.index(station) if station in stations else None
+        return self.stations.index(station) if station in self.stations else None
 
     def event(self, node: Node) -> Event:
         """The event of a node."""
@@ -90,9 +87,9 @@ class Merged:
 
     def _known(self, node: Node) -> tuple[int, ...]:
         """For each log, the number of its events that this event depends on."""
-        known = self._past[node[0]]
-        at = bisect_right(known, node[1], key=lambda entry: entry[0]) - 1
-        return known[at][1] if at >= 0 else (0,) * len(self.logs)
+        places, known = self._past[node[0]]
+        at = bisect_right(places, node[1]) - 1
+        return known[at] if at >= 0 else (0,) * len(self.logs)
 
     def _link(self, matches: Matches) -> None:
         """Note the fate of each message."""
@@ -113,7 +110,7 @@ class Merged:
         if self._past:
             return
         feeds = [self.feed(i) for i in range(len(self.logs))]
-        self._past = [[] for _ in self.logs]
+        self._past = [([], []) for _ in self.logs]
         at = [0] * len(self.logs)
         for (node,) in ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
             self._order.append(node)
@@ -124,7 +121,8 @@ class Merged:
             pairs = zip(self._known(node), self._known(match.first), strict=True)
             known = [max(a, b) for a, b in pairs]
             known[match.first[0]] = max(known[match.first[0]], match.first[1] + 1)
-            self._past[node[0]].append((node[1], tuple(known)))
+            self._past[node[0]][0].append(node[1])
+            self._past[node[0]][1].append(tuple(known))
 
     def _cycle(self, circle: list[tuple[Node, Node]]) -> None:
         parts = [f"{self.where(a)} receives the message of {self.where(b)}" for a, b in circle]
@@ -153,7 +151,7 @@ def merge(logs: Sequence[Log]) -> Merged:
                 "give one log per station"
             )
     matches = Matches([Ledger.of(log) for log in inputs])
-    merged = Merged(inputs, matches.clocks)
+    merged = Merged(inputs, matches.stations, matches.clocks)
     merged.notices += _repeated(merged)
     if matches.guessed:
         merged.notices.append(

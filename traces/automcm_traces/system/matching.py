@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from automcm_spec.log_format.log import End, Event, Header, Receive, Send, transmission
+from automcm_spec.log_format.log import Event, Header, Receive, Send, transmission
 from automcm_spec.log_format.number_sets import Numbers
-from automcm_spec.log_format.reader import Log, Notice, header_of, records
-from automcm_spec.support.bad_input import BadInput, name_of
+from automcm_spec.log_format.reader import Log, LogStream
+from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.system.event_order import Node
@@ -156,52 +156,32 @@ class Ledger:
     def of_unread(path: Path) -> Ledger:
         """The ledger of the only log: nothing of it can match. Raises BadInput if it has no
         header."""
-        made = Ledger(name_of(path), header_of(path), unread=True)
+        log = LogStream(path)
         with suppress(BadInput):
-            for entry in islice(records(path, gaps=True), 1, 2):
-                late = isinstance(entry.record, Notice) and entry.record.kind == "begins_late"
-                if late:
-                    made.promised = Promised.by(made.promised.file, made.header, mid_session=True)
+            next(iter(log), None)  # the first event tells whether the log begins late
+        made = Ledger(log.file, log.header, unread=True)
+        made.promised = Promised.by(log.file, log.header, mid_session=log.mid_session)
         return made
 
     @staticmethod
-    def of(log: Log) -> Ledger:
-        """The ledger of a log in memory."""
+    def of(log: Log | LogStream) -> Ledger:
+        """The ledger of a log, up to where it is readable; it promises nothing after a gap."""
         made = Ledger(log.file, log.header)
-        for _, event in log.events:
-            made.add(event)
-        span = (log.events[0][1].t_ms, log.events[-1][1].t_ms) if log.events else (0, 0)
-        lost = None if log.end is None else log.end.lost_records
-        last = max(made.sent.numbers, default=0)
-        made.promised = Promised.by(log.file, log.header, span, last, lost, log.mid_session)
-        return made
-
-    @staticmethod
-    def read(path: Path) -> Ledger:
-        """The ledger of a log of any length, up to where it is readable; it promises nothing after
-        a gap. Raises BadInput if it has no header."""
-        made = Ledger(name_of(path), header_of(path))
-        first = last = ended = None
-        top, whole, mid_session = 0, True, made.header.begins is not None
+        times: list[int] = []
+        last_sent, lost = 0, None
         try:
-            for entry in records(path, gaps=True):
-                match entry.record:
-                    case Header():
-                        pass
-                    case Notice(kind=kind):
-                        whole = whole and kind != "gap"
-                        mid_session = mid_session or kind == "begins_late"
-                    case End(lost_records=lost):
-                        ended = lost if whole else None
-                    case event:
-                        made.add(event)
-                        if whole:
-                            first, last = event.t_ms if first is None else first, event.t_ms
-                            top = max(top, made.sent.numbers[-1] if isinstance(event, Send) else 0)
+            for _, event in log:
+                made.add(event)
+                if not _has_gap(log):
+                    times[1:] = [event.t_ms]
+                    number = made.sent.numbers[-1] if isinstance(event, Send) else 0
+                    last_sent = max(last_sent, number)
+            if log.end is not None and not _has_gap(log):
+                lost = log.end.lost_records
         except BadInput:
-            ended = None
-        span = first or 0, last or 0
-        made.promised = Promised.by(name_of(path), made.header, span, top, ended, mid_session)
+            pass  # reported where its rows end
+        span = (times[0], times[-1]) if times else (0, 0)
+        made.promised = Promised.by(log.file, log.header, span, last_sent, lost, log.mid_session)
         return made
 
     def add(self, event: Event) -> None:
@@ -219,6 +199,10 @@ class Ledger:
             self.received.add(at, number, event.t_ms, event.message)
         elif event.rejected is not None and event.tx is not None:
             self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))
+
+
+def _has_gap(log: Log | LogStream) -> bool:
+    return isinstance(log, LogStream) and log.gap is not None
 
 
 class Match(NamedTuple):

@@ -133,6 +133,8 @@ class Recorder(Watcher):
         """The index of each event by line."""
         self._t_ms = 0
         self._outbox: list[OutboxEntry] = []
+        self._own: object = None
+        """The part of the state that belongs to the own session."""
         self._deadlines: dict[Timer, int] = {}
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
@@ -144,10 +146,11 @@ class Recorder(Watcher):
 
     def step(self, step: InputStep, track: Track) -> None:
         """Add a moment."""
-        t = track
-        kept = {id(e) for e in t.outbox}
-        gone = [e for e in self._outbox if id(e) not in kept]
-        self._outbox = list(t.outbox)
+        t, gone = track, list[OutboxEntry]()
+        if step.changes or step.sent:
+            kept = {id(e) for e in t.outbox}
+            gone = [e for e in self._outbox if id(e) not in kept]
+            self._outbox, self._own = list(t.outbox), _own(t)
         event = step.event
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
@@ -178,7 +181,7 @@ class Recorder(Watcher):
                 src,
                 about,
                 tuple(acked),
-                _own(t),
+                self._own,
                 late,
                 forgot,
                 any(e.session[0] == forgot for e in t.outbox),
