@@ -6,8 +6,7 @@ The table is in docs/messages.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from automcm.encoding.codec import FRAME_BYTES, NAMES, Codec, codec
 from automcm_spec.vocabulary.messages import (
@@ -31,19 +30,12 @@ POINTS = (1, 10, 52, 260)
 _CAR, _OTHER, _NOW = 3_000_000_001, 3_000_000_002, 1_800_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class MessageSize:
-    """The size of one message in bytes.  ``points`` is 0 without a trajectory."""
+class MessageSize(NamedTuple):
+    """The size of one message, in bytes by codec.  ``points`` is 0 without a trajectory."""
 
     type: str
     points: int
-    codec: str
-    bytes: int
-
-    @property
-    def fits(self) -> bool:
-        """Whether it fits in one frame (KIN-2)."""
-        return self.bytes <= FRAME_BYTES
+    bytes: dict[str, int]
 
 
 def trajectory(points: int) -> Trajectory:
@@ -95,9 +87,8 @@ def measure(points: Sequence[int] = POINTS) -> list[MessageSize]:
     messages: list[tuple[int, Message | Cam]] = [(0, message) for message in plain()]
     messages += [(n, message) for n in points for message in carrying(trajectory(n))]
     return [
-        MessageSize(message.type, n, name, len(codec(name).encode(message)))
-        for n, message in messages
-        for name in NAMES
+        MessageSize(m.type, n, {name: len(codec(name).encode(m)) for name in NAMES})
+        for n, m in messages
     ]
 
 
@@ -118,13 +109,9 @@ def most_points(used: Codec, budget: int = FRAME_BYTES) -> int:
 def table() -> str:
     """The measured sizes as Markdown."""
     lines = ["| message | points | JSON, bytes | UPER, bytes |", "|---|---:|---:|---:|"]
-    sizes = measure()
-    for json, uper in zip(sizes[::2], sizes[1::2], strict=True):
-        cells = [f"{size.bytes:,}" if size.fits else f"**{size.bytes:,}**" for size in (json, uper)]
-        lines.append(f"| {json.type} | {json.points or '-'} | {' | '.join(cells)} |")
+    for type_, points, sizes in measure():
+        cells = [f"{size:,}" if size <= FRAME_BYTES else f"**{size:,}**" for size in sizes.values()]
+        lines.append(f"| {type_} | {points or '-'} | {' | '.join(cells)} |")
     most = ", ".join(f"{most_points(codec(name))} in {name.upper()}" for name in NAMES)
-    lines += [
-        "",
-        f"Points with which a Prescription fits one frame of {FRAME_BYTES} bytes: {most}.",
-    ]
-    return "\n".join(lines)
+    fit = f"Points with which a Prescription fits one frame of {FRAME_BYTES} bytes: {most}."
+    return "\n".join([*lines, "", fit])

@@ -311,12 +311,11 @@ def test_end_5_an_error_is_one_printable_line(name: str) -> None:
 
 def test_kin_2_the_papers_trajectory_fits_one_frame() -> None:
     measured = sizes.measure()
-    assert len(measured) == 2 * (6 + 4 * len(sizes.POINTS))
-    fits = {(size.codec, size.points) for size in measured if size.fits}
-    too_long = {(size.codec, size.points) for size in measured if not size.fits}
-    assert not fits & too_long
-    assert too_long == {("json", 260)}
-    assert max(size.bytes for size in measured if size.points == 0) < 200
+    assert len(measured) == 6 + 4 * len(sizes.POINTS)
+    fits = {(name, m.points, n <= FRAME_BYTES) for m in measured for name, n in m.bytes.items()}
+    assert {case[:2] for case in fits if not case[2]} == {("json", 260)}
+    assert ("json", 260, True) not in fits
+    assert max(max(m.bytes.values()) for m in measured if m.points == 0) < 200
 
 
 def test_kin_2_the_most_points_that_fit() -> None:

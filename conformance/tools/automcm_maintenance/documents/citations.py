@@ -11,28 +11,15 @@ from pathlib import Path
 from automcm_conformance.suite import purposes
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.compilation import compiler
-from automcm_maintenance.documents.repository import ROOT, markdown_table
+from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.model_checking import models
+from automcm_spec.support import markdown
 from automcm_spec.vocabulary.rules import OPERATOR, RULES
 
 COLUMNS = (
     *("specification", "must fail", "code", "case", "log tools", "vector", "counterexample"),
     "test",
 )
-HEAD = """# Rule coverage
-
-A cell names the first citation and the number of others. An empty cell means that there is none: a
-rule of trajectories (KIN) or of the application (APP) is in no model, and a property is not a part
-of one station's code.
-
-- *specification*: operators of `spec/tla/` that cite the rule, or a property's formula.
-- *must fail*: [models](models.md) without the rule, or violating the property.
-- *code* and *test*: files that cite the rule. *vector*: files of [vectors](vectors.md).
-- *log tools*: methods of the [compiled station](compiled-station.md) that decide by the
-  rule, for the log engine; then files of `traces/automcm_traces/` that cite it.
-- *case*: the cases of `automcm conform list RULE` ([conformance.md](conformance.md)).
-- *counterexample*: those with a step decided by the rule, or that break the property.
-"""
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|I|L|R|T)-\d\b")
 _CODE = ("reference/automcm/**/*.py", "reference/automcm_simulation/radio/success.py")
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
@@ -101,7 +88,8 @@ def table(root: Path) -> str:
         [rule, words[rule], *map(_shown, cells.values())] for rule, cells in found(root).items()
     ]
     heads = ["rule", "summary", *COLUMNS]
-    return f"{HEAD}\n{markdown_table(heads, rows, heads)}\n"
+    table = markdown_table(heads, rows, heads)
+    return markdown.page(PAGES / "rule-coverage.md.j2", table=table)
 
 
 def _shown(cell: Cell) -> str:
