@@ -58,7 +58,7 @@ CATALOGUES = (
     "reference/tests/kernels/test_trajectory_mutants.py",
     "reference/tests/security/test_security_mutants.py",
 )
-"""Tests that put faults into the repository itself, not into the copy."""
+"""Tests of the catalogues: an entry whose text a fault has changed fails, which is no kill."""
 TIME = "time"
 
 

@@ -183,11 +183,17 @@ def main() -> None:
 @contextmanager
 def put(fault: Fault) -> Iterator[None]:
     """Give the functions of this process the fault, wherever they are bound; at the end, take it
-    back.  Raises FaultError for an edit outside of all functions."""
+    back.  The edits are made in the files that were imported, also of a copy of the repository.
+
+    Raises FaultError for an edit outside of all functions.
+    """
     changed: list[tuple[FunctionType, CodeType]] = []
+    texts: dict[Path, str] = {}
     for edit in fault.edits:
-        importlib.import_module(edit.place.partition(":")[0])
-    for path, text in fault.texts().items():
+        module = importlib.import_module(edit.place.partition(":")[0])
+        parts = edit.path.relative_to(ROOT).parts
+        texts |= fault.texts(under=Path(str(module.__file__)).parents[len(parts) - 1])
+    for path, text in texts.items():
         right = compile(path.read_text(encoding="utf-8"), str(path), "exec", dont_inherit=True)
         wrong = compile(text, str(path), "exec", dont_inherit=True)
         try:
