@@ -107,13 +107,13 @@ def write_json(target: Path | None, value: Any) -> bool:
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """A status line on a terminal; no output to a pipe."""
+def progress(piped: bool = False) -> Iterator[Callable[[str], None]]:
+    """A status line on a terminal; no output to a pipe, or with ``piped`` lines."""
     from automcm_cli.shared.terminal import Terminal
 
     console = Terminal(stderr=True)
     if not console.is_terminal:
-        yield lambda text: None
+        yield lambda text: say(text, err=True) if piped else None
         return
     with console.status("") as status:
         yield lambda text: status.update(text)

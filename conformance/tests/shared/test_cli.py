@@ -221,7 +221,7 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     monkeypatch.setattr(model_output, "counterexample", raises)
     monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
     cannot = "cannot be generated now: KeyError: 'PRE-6'"
-    stale = "not what would be generated now; run make generate"
+    stale = "not what would be generated now; run .venv/bin/automcm generate"
     graph, diagrams_, station, nowhere, vectors_, corpus, remainder = generated_files.drift(
         "quick", b"another oracle", lambda text: None
     )
@@ -230,8 +230,8 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
         "station.py: cannot be generated now: "
         "NotCompiled: Station.tla:12: cannot be compiled: CHOOSE"
     )
-    assert graph == f"spec/oracle/one-peer.json.xz: {stale}"
-    assert nowhere == f"docs/nowhere.md: {stale}"
+    assert graph == "{0}: {1} {0}".format("spec/oracle/one-peer.json.xz", stale)
+    assert nowhere == f"docs/nowhere.md: {stale} docs/nowhere.md"
     assert vectors_ == f"conformance/vectors: {cannot}"
     assert corpus.startswith("traces/corpus: cannot be generated now: spec/oracle/tight.json.xz: ")
     model = next(m for m in models.load() if m.expect == "violates")
@@ -240,7 +240,20 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
     assert generated_files.counterexamples([verdict]).drift() == [
         f"traces/counterexamples: {cannot}"
     ]
-    assert remainder == f"conformance/suite/remainder.json: {stale}"
+    assert remainder.startswith(f"conformance/suite/remainder.json: {stale}")
+
+
+def test_one_generated_file_is_renewed_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is generated, that is said."""
+    written: list[Path] = []
+    monkeypatch.setattr(generated_files, "_read", lambda path: b"stale")
+    monkeypatch.setattr(generated_files.files, "write", lambda path, text: written.append(path))
+    page = ROOT / "docs" / "messages.md"
+    shown = automcm("generate", page)
+    assert written == [page] and shown.exit_code == 0
+    assert "renewed docs/messages.md" in shown.output and "docs/messages.md\n" in shown.stderr
+    refused = automcm("generate", ROOT / "README.md")
+    assert refused.exit_code == 3 and "nothing is generated at README.md" in refused.output
 
 
 def test_the_diagrams_are_drawn_from_the_fresh_graph(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from automcm_cli.spec import model_output
 from automcm_conformance.adapter import adapter_schema
@@ -18,9 +19,10 @@ from automcm_maintenance.documents import attacker_table, state_diagrams
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.spec_mutation import mutant_results
+from automcm_maintenance.verify import kept_stages
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.log_format import log_schema
-from automcm_spec.model_checking import model_runs, models
+from automcm_spec.model_checking import kept_results, models
 from automcm_spec.support import files, scratch
 from automcm_spec.vocabulary import json_schema
 
@@ -36,6 +38,16 @@ DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
 EVALUATION = ROOT / "docs" / "evaluation.md"
 PICTURE = ROOT / "docs" / "four-vehicles.svg"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
+KEPT = ROOT / "runs" / "kept"
+"""The folder of data for later runs: results of models and of stages."""
+OF_GRAPH = ("spec/automcm_spec", "spec/tools", "spec/tla", "spec/oracle", "pyproject.toml")
+"""What the graph of one station depends on."""
+_OF_SLOW = (
+    *(*OF_GRAPH, "spec/models", "spec/simulation", "traces/automcm_traces", "traces/tools"),
+    *("traces/counterexamples", "reference/automcm", "conformance/automcm_conformance"),
+)
+_PAIRS = two_peer_pairs.PATH
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -91,7 +103,8 @@ def _read(path: Path) -> bytes:
 
 
 def _stale(path: Path) -> str:
-    return f"{_name(path)}: not what would be generated now; run make generate"
+    name = _name(path)
+    return f"{name}: not what would be generated now; run .venv/bin/automcm generate {name}"
 
 
 def _name(path: Path) -> str:
@@ -297,11 +310,55 @@ def _two_peer_pairs() -> str:
     return two_peer_pairs.text(two, one)
 
 
-def write(notify: Callable[[str], None], two_peers: bool = True) -> list[Path]:
-    """Renew all generated files and return those that changed or were deleted."""
-    verdicts = model_runs.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
-    changed = counterexamples(verdicts).write()
-    for each in _all(oracle_generation.generate(oracle_generation.ONE_PEER), notify):
-        if two_peers or each.path not in (oracle_generation.TWO_PEERS.path, two_peer_pairs.PATH):
-            changed += each.write()
+def write(
+    notify: Callable[[str], None], two_peers: bool = True, only: Sequence[Path] = ()
+) -> list[Path]:
+    """Renew all generated files, or those at or below these paths; returns those that changed or
+    were deleted.
+
+    What is slow is not made again if nothing that it depends on has changed. Raises ValueError for
+    a path at which nothing is generated.
+    """
+    used = set[Path]()
+
+    def wanted(*places: Path) -> bool:
+        near = {o for o in only for p in places if o == p or o in p.parents or p in o.parents}
+        used.update(near)
+        return bool(near) or not only
+
+    broken = [m for m in models.load() if m.expect == "violates"]
+    broken = [m for m in broken if wanted(COUNTEREXAMPLES / f"{m.cfg}.itf.json")]
+    of_models = counterexamples(_verdicts(broken, notify))
+    changed = replace(of_models, folders=() if only else of_models.folders).write()
+    graph = oracle_generation.ONE_PEER
+    fresh = partial(oracle_generation.generate, graph)
+    anew = wanted(graph.path)
+    one_peer = _kept(f"oracle {graph.name}", fresh) if anew else oracle.content(graph.path)
+    for each in _all(one_peer, notify):
+        skipped = not two_peers and each.path in (oracle_generation.TWO_PEERS.path, _PAIRS)
+        if wanted(*(each.folders or [each.path])) and not skipped:
+            notify(_name(each.path))
+            make = partial(_kept, each.path.name, each.make) if each.slow else each.make
+            changed += replace(each, make=make).write()
+    if unused := [path for path in only if path not in used]:
+        raise ValueError(f"nothing is generated at {', '.join(map(_name, unused))}")
     return changed
+
+
+def _kept(name: str, make: Callable[[], T]) -> T:
+    """A result, from an earlier run if nothing that it depends on has changed."""
+    path, key = KEPT / f"generated {name}.stage", kept_stages.key(ROOT, *_OF_SLOW)
+    return kept_stages.kept(path, key, make, lambda result: True)[0]
+
+
+def _verdicts(
+    chosen: Sequence[models.Model], notify: Callable[[str], None]
+) -> list[models.ModelVerdict]:
+    found: list[models.ModelVerdict] = []
+
+    def done(verdict: models.ModelVerdict) -> None:
+        found.append(verdict)
+        notify(f"models {len(found)}/{len(chosen)}: {verdict.model.cfg}")
+
+    kept_results.check_all(chosen, KEPT, on_done=done)
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -68,8 +69,12 @@ def verify(
     raise typer.Exit(report.exit_code)
 
 
-@app.command(epilog=example("generate"))
+@app.command(epilog=example("generate docs/messages.md"))
 def generate(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Only these files, or those below these folders."),
+    ] = None,
     two_peers: Annotated[
         bool, typer.Option(help="Renew the two-peer graph, too (takes minutes).")
     ] = True,
@@ -77,7 +82,7 @@ def generate(
     """Renew the generated files.
 
     These are the oracles, the counterexamples, the corpus, the schemas, and generated pages and
-    tables.
+    tables.  TLC is not run where nothing has changed that its result depends on.
     """
     from automcm_maintenance.documents import generated_files
     from automcm_spec.model_checking.models import ModelError
@@ -85,8 +90,9 @@ def generate(
     from automcm_spec.model_checking.toolchain import ToolError
 
     faults = TlcError, ToolError, ModelError, OSError, ValueError
-    with code_3("generate", *faults), progress() as notify:
-        changed = generated_files.write(notify, two_peers)
+    only = [path.resolve() for path in paths or ()]
+    with code_3("generate", *faults), progress(piped=True) as notify:
+        changed = generated_files.write(notify, two_peers, only)
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:

@@ -29,10 +29,7 @@ from automcm_spec.vocabulary.rules import RULES
 BEHAVIOURS = ((30, 40, False), (70, 40, True))
 """The number, length and kind of random behaviours of the closed models that are replayed."""
 SEED = 7
-KEPT = ROOT / "runs" / "kept"
-"""The folder of data for later runs: results of models and of stages."""
-CODE = ("spec/automcm_spec", "spec/tools", "spec/tla", "spec/oracle", "pyproject.toml")
-"""What the graph of one station depends on."""
+KEPT, CODE = generated_files.KEPT, generated_files.OF_GRAPH
 COMPARED = (
     *CODE,
     "spec/simulation",
