@@ -103,34 +103,27 @@ def _refusal(event: dict[str, Any]) -> str:
     """Why a command was refused."""
     from automcm_spec.vocabulary.rules import RULES
 
-    if left_ms := event["quarantine_ms"]:
-        return f"quarantine, {-(-left_ms // 1000)} s left"
-    return RULES[event["rule"]]
+    left_s = -(-event["quarantine_ms"] // 1000)
+    return f"quarantine, {left_s} s left" if left_s else RULES[event["rule"]]
 
 
 def _words(event: dict[str, Any]) -> str:
     """A report in words; empty for single messages."""
-    session = "/".join(map(str, event.get("session") or ()))
     match event:
-        case {"event": "start"}:
-            return f"station {event['station']} runs; Ctrl-C ends it"
-        case {"event": "phase", "phase": "STANDALONE"}:
-            return f"out of the session ({event['rule']})"
-        case {"event": "phase"}:
-            to = f" to station {event['target']}" if event["phase"] == "PRESCRIBING" else ""
-            where = f"as {event['role']} of session {session} ({event['rule']})"
-            return f"{event['phase'].lower()}{to}, {where}"
-        case {"event": "told", "name": "refused"}:
-            return f"a command was refused by {event['rule']}: {event['reason']}"
-        case {"event": "told"}:
-            return f"{_TOLD.get(event['name'], event['name'])} {event['reason']}".strip()
-        case {"event": "end"}:
-            return f"ended: {sum(event['statistics']['sent'].values())} messages sent"
-        case {"event": "given_up"}:
-            return f"no Ack in time: gave up ({event['rule']})"
-        case {"event": "drive"}:
-            return str(event["text"])
-    return "" if event["event"] in ("sent", "received") else json.dumps(event)
+        case {"event": "phase", "phase": "STANDALONE", "rule": rule}:
+            return f"out of the session ({rule})"
+        case {"event": "phase", "phase": phase, "role": role, "session": [src, n], "rule": rule}:
+            to = f" to station {event['target']}" if phase == "PRESCRIBING" else ""
+            return f"{phase.lower()}{to}, as {role} of session {src}/{n} ({rule})"
+        case {"name": "refused", "rule": rule, "reason": reason}:
+            return f"a command was refused by {rule}: {reason}"
+        case {"event": "told", "name": name, "reason": reason}:
+            return f"{_TOLD.get(name, name)} {reason}".strip()
+        case {"event": "drive", "text": text}:
+            return str(text)
+        case {"event": "sent" | "received"}:
+            return ""
+    return f"{event['event'].replace('_', ' ')} of station {event.get('station', '')}"
 
 
 def _line_output(stream: TextIO, trouble: Callable[[str], None] = lambda why: None) -> LineOutput:

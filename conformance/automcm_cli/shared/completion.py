@@ -3,53 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-
-PROFILES = ("quick", "full", "deep")
-
-
-def _rules() -> Iterable[str]:
-    from automcm_spec.vocabulary.rules import RULES
-
-    return RULES
+from importlib import import_module
 
 
-def _selectors() -> Iterable[str]:
-    from automcm_conformance.suite import purposes
-
-    return [*_rules(), *(purpose.id for purpose in purposes.load())]
-
-
-def _models() -> Iterable[str]:
-    from automcm_spec.model_checking import models
-
-    return [model.cfg for model in models.load()]
+def _of(module: str, name: str) -> Iterable[str]:
+    """The keys of a table, or the ids of what a function loads."""
+    found = getattr(import_module(module), name)
+    return [getattr(each, "id", "") or each.cfg for each in found()] if callable(found) else found
 
 
-def _properties() -> Iterable[str]:
-    from automcm_spec.model_checking.models import PROPERTIES
-
-    return PROPERTIES
-
-
-def _languages() -> Iterable[str]:
-    from automcm_conformance.adapter.new_adapter import FILES
-
-    return FILES
-
-
-def _scenarios() -> Iterable[str]:
-    from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
-
-    return SCENARIOS
-
-
-def _completes(values: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+def _completing(*tables: tuple[str, str]) -> Callable[[str], list[str]]:
     def complete(incomplete: str) -> list[str]:
-        return sorted(each for each in values() if each.startswith(incomplete))
+        values = [value for table in tables for value in _of(*table)]
+        return sorted(value for value in values if value.startswith(incomplete))
 
     return complete
 
 
-profiles = _completes(lambda: PROFILES)
-rules, selectors, models = map(_completes, (_rules, _selectors, _models))
-properties, languages, scenarios = map(_completes, (_properties, _languages, _scenarios))
+_MODELS = "automcm_spec.model_checking.models"
+_RULES = "automcm_spec.vocabulary.rules", "RULES"
+profiles, properties = _completing((_MODELS, "PROFILES")), _completing((_MODELS, "PROPERTIES"))
+models, rules = _completing((_MODELS, "load")), _completing(_RULES)
+selectors = _completing(_RULES, ("automcm_conformance.suite.purposes", "load"))
+languages = _completing(("automcm_conformance.adapter.new_adapter", "FILES"))
+scenarios = _completing(("automcm_simulation.traffic_scenarios.catalogue", "SCENARIOS"))

@@ -130,9 +130,10 @@ function drawHazards(layer, marks, y, seen, size) {
       }
     }
     layer.append(group);
-    const acts = hazard.columns[0], ms = grouped(hazard.length?.ms ?? 0), most = hazard.bound_ms;
+    const [acts, left] = hazard.columns, beside = layout.x[left] === layout.x[acts] + layout.width[acts];
+    const room = (beside ? lifeline(left) - layout.x[acts] : layout.width[acts]) - 18, ms = grouped(hazard.length?.ms ?? 0), most = hazard.bound_ms;
     const words = [about, `⚠ ${ms} of ${most ? grouped(most) : "?"} ms`, `⚠ ${ms} ms`, "⚠"]
-      .find((one) => textWidth(one) * 1.15 < layout.width[acts] - 14) ?? "";
+      .find((one) => textWidth(one) * 1.15 < room) ?? "";
     marks.append(make("text", { class: "hazard-words", x: layout.x[acts] + 8, y: Math.max(top, HEAD) + 14 }, words));
   }
 }
@@ -226,7 +227,10 @@ function drawArrow(layer, arrow, y, signs, labels) {
     const x2 = from + (to - from) * 0.55, y2 = y1 + HEIGHT * 0.7;
     if (kind === IN_FLIGHT) fading(group, x1, y1, x2, y2);
     else line(group, x1, y1, x2 - side * 4, y2, false);
-    if (kind === LOST) cross(group, x2, y2);
+    if (kind === LOST) {
+      signs.push({ x: x2, y: y2 });
+      cross(group, x2, y2);
+    }
   }
   if (kind !== OVERHEARD && kind !== SENDER_UNOBSERVED && kind !== FORGED) labels.push({ group, arrow, x: x1, y: y1, side });
   layer.append(group);

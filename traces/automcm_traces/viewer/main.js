@@ -40,7 +40,7 @@ function sift() {
     if (isShown(row) && !joins) now.shown.push(row);
   }
   now.before[COUNT] = now.shown.length;
-  document.getElementById("count").textContent = `${now.shown.length} of ${STEPS_IN_ALL} rows`;
+  document.getElementById("count").textContent = `${now.shown.length} of ${STEPS_IN_ALL}`;
   resize();
   fillTable();
 }

@@ -133,7 +133,7 @@ function linksOf({ system }) {
       lost ? el("div", { class: "lost" }, `${lost} lost`) : "");
   };
   const part = folded("Links: received of sent", ways.some(([, counts]) => counts.lost), el("table", { class: "links" },
-    el("tr", {}, el("th", {}, "from \\ to"), names.map((to) => el("th", { scope: "col" }, to))),
+    el("tr", {}, el("th", {}, "from"), names.map((to) => el("th", { scope: "col" }, to))),
     names.map((from) => el("tr", {}, el("th", { scope: "row" }, from), names.map((to) => cell(from, to))))));
   part.classList.add("matrix");
   return part;
