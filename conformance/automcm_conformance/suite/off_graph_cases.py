@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
 from automcm_conformance.exchange.answers import BACK_OFF, Problem
-from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.exchange import Broken, Exchange, Mismatch, Step
 from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import quantity_cases, scripts, session_cases
@@ -55,7 +55,8 @@ DRIFTS: tuple[tuple[dict[str, int], int], ...] = (
 The margin of the last two is the whole lease."""
 LIMITS = {"max_rounds": 3, "max_participants": 5, "outbox_limit": 7, "memory_limit": 4}
 """With these, a session needs an outbox of one entry, as in the graphs (MEM-1)."""
-SEEDS = 8
+SEEDS, DRAWS = 8, 32
+"""A fair station draws one of two values 32 times in a row with odds of 1 in 2 * 10^9."""
 
 
 def timer(fresh: Fresh, name: str) -> Played:
@@ -198,31 +199,48 @@ def cam_rate(fresh: Fresh) -> Played:
 
 
 def back_off(fresh: Fresh) -> Played:
-    """``back-off``: within its bounds, equal for equal seeds, not always equal."""
+    """``back-off``: within its bounds, both included, equal for equal seeds, not always equal."""
     parameters = USUAL | {"backoff_min": 500, "backoff_max": 2000}
     found: dict[int, int] = {}
     for seed in [*range(1, SEEDS + 1), *range(1, SEEDS + 1)]:
         x = fresh(parameters, seed=seed)
-        x.give(number(x, REQUEST))
-        x.expire(number(x, WINDOW))
-        x.flush()
-        deadline = read_answer(x.done[-1].answer).deadline
-        low, high = x.parameters["backoff_min"], x.parameters["backoff_max"]
-        lasts = -1 if deadline is None else deadline - x.now
-        text = ""
-        if not low <= lasts <= high:
-            got = "none" if lasts < 0 else f"{lasts} ms"
-            text = f"expected a back-off of {low} to {high} ms, got {got}"
-        elif found.setdefault(seed, lasts) != lasts:
-            text = f"seed {seed}: back-offs of {found[seed]} and {lasts} ms in two runs"
-        elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
-            text = f"a back-off of {lasts} ms for every seed"
-        if text:
-            raise Mismatch(x.done, [Problem("deadline", text, BACK_OFF)])
-        x.clock.learn(("backoff",), x.now + lasts)
+        low, high, lasts = _draw(x)
+        if found.setdefault(seed, lasts) != lasts:
+            raise _wrong(x, f"seed {seed}: back-offs of {found[seed]} and {lasts} ms in two runs")
+        if len(found) == SEEDS and low < high and len(set(found.values())) == 1:
+            raise _wrong(x, f"a back-off of {lasts} ms for every seed")
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])
         yield x
+    x = fresh(USUAL | {"t_timeout": 0, "backoff_min": 500, "backoff_max": 501})
+    drawn = set[int]()
+    for _ in range(DRAWS):
+        low, high, lasts = _draw(x)
+        drawn.add(lasts)
+        x.expire(number(x, expire("backoff")))
+    if high == low + 1 and len(drawn) == 1:
+        raise _wrong(x, f"expected back-offs of {low} and {high} ms, got {lasts} ms {DRAWS} times")
+    yield x
+
+
+def _draw(x: Exchange) -> tuple[int, int, int]:
+    """A session without participants: the bounds of the back-off after it, and what it lasts.
+    Raises Mismatch and Broken."""
+    x.give(number(x, REQUEST))
+    x.expire(number(x, WINDOW))
+    x.flush()
+    deadline = read_answer(x.done[-1].answer).deadline
+    low, high = x.parameters["backoff_min"], x.parameters["backoff_max"]
+    lasts = -1 if deadline is None else deadline - x.now
+    if not low <= lasts <= high:
+        got = "none" if lasts < 0 else f"{lasts} ms"
+        raise _wrong(x, f"expected a back-off of {low} to {high} ms, got {got}")
+    x.clock.learn(("backoff",), deadline or 0)
+    return low, high, lasts
+
+
+def _wrong(x: Exchange, text: str) -> Mismatch:
+    return Mismatch(x.done, [Problem("deadline", text, BACK_OFF)])
 
 
 # -- which case is which
@@ -261,7 +279,7 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 
 def graph(case: str, one: Oracle) -> Oracle:
     """The graph that judges a case: ``one``, that of two peers, or one that grows."""
-    if case.startswith("quantity "):
+    if case.startswith("quantity ") or case == "back-off":
         return GrowingGraph(one.spec_hash)
     return two_peers(one.spec_hash) if case.startswith(TWO) else one
 

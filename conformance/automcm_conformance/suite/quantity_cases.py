@@ -61,6 +61,8 @@ from automcm_spec.vocabulary.station import Input
 SESSIONS, ROUNDS, PARTICIPANTS, RECEPTIONS = 300, 8, 32, 10_000
 MANY_ROUNDS = {"max_rounds": 260, "outbox_limit": 300}
 """More than a byte can count."""
+MEMORY = 4
+"""A memory_limit that is soon reached."""
 BULK = 500
 """The number of receptions whose lines are written together."""
 STEP_MS, PAUSE_MS = 50, 7
@@ -71,8 +73,10 @@ LEASES_MS = (
     0x0AAA_AAAA_AAAA_AA,
     0x1555_5555_5555_55,
     LIMIT - 10**6,
+    LIMIT,
 )
-"""Around the bounds of 32 bits and of single-precision floats; each bit set and not set."""
+"""Around the bounds of 32 bits and of single-precision floats; each bit set and not set. The last
+one ends beyond 2^53."""
 FAR_MS = LIMIT - 10**5
 """A t_cam_loss with which the lease is the next deadline."""
 _LIMITS = {name: DEFAULTS[name] for name in LIMITS}
@@ -144,16 +148,20 @@ def _sessions(fresh: Fresh, prescriber: bool) -> Played:
         _given(x, _session(n, prescriber))
     yield x
     if not prescriber:
-        yield _given(fresh(USUAL), _of_many_prescribers())
+        many = range(2, PARTICIPANTS + 2)
+        yield _given(fresh(USUAL), [*_of_prescribers(many), *map(_advertised, many)])
+        few, one_more = many[:MEMORY], many[MEMORY]
+        x = fresh(USUAL, limits=_LIMITS | {"memory_limit": MEMORY})
+        yield _given(x, [*_of_prescribers(few), _advertised(one_more), *_of_prescribers(few, 2)])
 
 
-def _of_many_prescribers() -> list[Input]:
-    """A session of each prescriber, then the Advertisement of each again: a late copy (ADV-8)."""
-    sessions = [(p, 1) for p in range(2, PARTICIPANTS + 2)]
-    copies = [received("Advertisement", s, source=s[0]) for s in sessions]
-    ends = [received("Fin", s, source=s[0]) for s in sessions]
-    script = [value for both in zip(copies, ends, strict=True) for value in both]
-    return [*script, *copies]
+def _advertised(p: int, n: int = 1) -> Input:
+    return received("Advertisement", (p, n), source=p)
+
+
+def _of_prescribers(of: Sequence[int], n: int = 1) -> list[Input]:
+    """The n-th session of each prescriber; after it, its Advertisement is a late copy (ADV-8)."""
+    return [v for p in of for v in (_advertised(p, n), received("Fin", (p, n), source=p))]
 
 
 def _given(x: Exchange, values: Sequence[Input]) -> Exchange:
@@ -185,6 +193,8 @@ def _participants(fresh: Fresh, _: bool) -> Played:
     ]
     for end in ends:
         yield played(fresh(SHORT), [*recorded, *end])
+    stranger = received("Cancel", MINE, source=peers[-1] + 1)
+    yield played(fresh(SHORT), [REQUEST, *cancels, stranger, one_more, intentions[0], WINDOW])
 
 
 def _orders(fresh: Fresh, _: bool) -> Played:
