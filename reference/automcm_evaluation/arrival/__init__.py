@@ -1,5 +1,1 @@
-"""Arrival times with and without coordination: section VI-B of the paper.
-
-On the simulated road and in SUMO.
-Only ``sweeps`` and ``loss`` import it.
-"""
+"""Arrival times with and without coordination, also in SUMO: section VI-B of the paper."""

@@ -1,5 +1,1 @@
-"""Bandwidth of the messages: section VI-A of the paper.
-
-Bytes of sessions, and the load of a radio channel.
-Only ``sweeps`` imports it.
-"""
+"""Bytes of sessions, and the load of a radio channel: section VI-A of the paper."""

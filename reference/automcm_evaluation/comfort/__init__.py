@@ -1,5 +1,1 @@
-"""Speed and braking of each vehicle: section VI-B and figure 6 of the paper.
-
-Drives with and without faults.
-Only ``sweeps`` imports it.
-"""
+"""Speed and braking of each vehicle, with and without faults: section VI-B and figure 6."""

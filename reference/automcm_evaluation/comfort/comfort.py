@@ -22,7 +22,6 @@ from automcm_evaluation.comfort.comfort_courses import (
     A,
     B,
     C,
-    ComfortRun,
     ComfortSetting,
     disturbed,
     nobody,
@@ -32,14 +31,13 @@ from automcm_evaluation.comfort.comfort_courses import (
 from automcm_evaluation.comfort.comfort_measures import (
     FAR_S,
     HARD,
-    DrivenTrack,
+    Tracks,
     braking,
     distance,
     first_slower,
     jerk,
     lost,
     slowed,
-    tracks,
 )
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
@@ -113,33 +111,25 @@ def trial(setting: ComfortSetting, stage: str, share: float) -> dict[str, Values
     parameters, plan = Parameters(), setting.four.plan
     begin, end = comfort_courses.stage(stage, plan, parameters, Driving().lane_change_s)
     at_s = begin + share * (end - begin)
-    alone = tracks(nobody(setting).drive.road.samples)
-    plain = tracks(undisturbed(setting).drive.road.samples)
+    alone = nobody(setting)
+    plain = undisturbed(setting)
     needed = {n: (lost(plain[n], alone[n]), slowed(plain[n], alone[n])) for n in (B, C)}
     found = {
         "undisturbed": cost(plain, alone, needed),
-        "open-ended": cost(_tracks(undisturbed(setting, open_ended=True)), alone, needed),
-        "uncoordinated": cost(_tracks(uncoordinated(setting)), alone, needed),
+        "open-ended": cost(undisturbed(setting, open_ended=True), alone, needed),
+        "uncoordinated": cost(uncoordinated(setting), alone, needed),
     }
     for name, course in COURSES.items():
         without_change = alone
         if course.else_befalls is not None:
-            without_change = _tracks(nobody(setting, course, at_s))
+            without_change = nobody(setting, course, at_s)
         for with_rules in (True, False):
-            driven = _tracks(disturbed(course, setting, at_s, with_rules=with_rules))
+            driven = disturbed(course, setting, at_s, with_rules=with_rules)
             found[name if with_rules else f"{name} without"] = cost(driven, without_change, needed)
     return found
 
 
-def _tracks(run: ComfortRun) -> dict[int, DrivenTrack]:
-    return tracks(run.drive.road.samples)
-
-
-def cost(
-    found: dict[int, DrivenTrack],
-    alone: dict[int, DrivenTrack],
-    needed: dict[int, tuple[float, float]],
-) -> Values:
+def cost(found: Tracks, alone: Tracks, needed: dict[int, tuple[float, float]]) -> Values:
     """The measures of one drive.  ``alone``: the drive without a lane change; ``needed``: the
     slowing of B and of C, in m and s, in an undisturbed lane change.
 
@@ -169,7 +159,7 @@ def cost(
 
 def fig6(setting: ComfortSetting) -> Values:
     """The undisturbed maneuver: speed over position of four vehicles, and its claims."""
-    found, alone = _tracks(undisturbed(setting)), _tracks(nobody(setting))
+    found, alone = undisturbed(setting), nobody(setting)
     prescriber = found[PRESCRIBER]
     moving = np.flatnonzero(np.diff(prescriber.y))
     begin, end = int(moving[0]), int(moving[-1]) + 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 from automcm.applications.lane_change import PaperLaneChange, Plan
 from automcm.applications.vehicle import STEP_S, Vehicle
@@ -17,6 +18,7 @@ from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import to_message
 from automcm.service.application import AgreedManeuver, Choice, Proposal
+from automcm_evaluation.comfort.comfort_measures import Tracks, tracks
 from automcm_simulation.road import drive as driving
 from automcm_simulation.road.drive import STEP_MS, FourVehicles
 from automcm_simulation.road.simulation import Simulation
@@ -34,18 +36,11 @@ def stage(
 ) -> tuple[float, float]:
     """Begin and end of a stage of an undisturbed maneuver, s since the signal (delays of messages
     left out)."""
-    lengths = (
-        parameters.t_advertise / 1000,
-        plan.hold_s,
-        plan.gain_m / plan.delta_v,
-        lane_change_s,
-    )
-    begin = 0.0
-    for each, length in zip(STAGES, lengths, strict=True):
-        if each == name:
-            return begin, begin + length
-        begin += length
-    raise ValueError(f"there is no stage {name!r}")
+    slow_s = plan.gain_m / plan.delta_v
+    lengths = (parameters.t_advertise / 1000, plan.hold_s, slow_s, lane_change_s)
+    limits = list(accumulate(lengths, initial=0.0))
+    n = STAGES.index(name)
+    return limits[n], limits[n + 1]
 
 
 class Changer(PaperLaneChange):
@@ -172,12 +167,12 @@ class ComfortRun:
         when = self.setting.four.signal_s + after_signal_s
         self.drive.simulation.clock.at(round(when * 1000), do)
 
-    def go(self) -> ComfortRun:
+    def go(self) -> Tracks:
         """Drive to the end."""
         if not self.setting.four.coordinated:
             self._silence()
         self.drive.run(self.setting.four.until_s)
-        return self
+        return tracks(self.drive.road.samples)
 
     def _step(self) -> None:
         clock = self.drive.simulation.clock
@@ -317,7 +312,7 @@ COURSES = {
 
 def disturbed(
     course: FaultyCourse, setting: ComfortSetting, at_s: float, *, with_rules: bool
-) -> ComfortRun:
+) -> Tracks:
     """The maneuver with the fault ``at_s`` seconds after the signal."""
     run = ComfortRun(
         setting,
@@ -330,19 +325,19 @@ def disturbed(
     return run.go()
 
 
-def undisturbed(setting: ComfortSetting, *, open_ended: bool = False) -> ComfortRun:
+def undisturbed(setting: ComfortSetting, *, open_ended: bool = False) -> Tracks:
     """The undisturbed maneuver."""
     return ComfortRun(setting, open_ended=open_ended).go()
 
 
-def uncoordinated(setting: ComfortSetting) -> ComfortRun:
+def uncoordinated(setting: ComfortSetting) -> Tracks:
     """The prescriber changes lanes at once, and vehicles in the way notice late (section VI-B)."""
     return ComfortRun(replace(setting, four=replace(setting.four, coordinated=False))).go()
 
 
 def nobody(
     setting: ComfortSetting, course: FaultyCourse | None = None, at_s: float = 0.0
-) -> ComfortRun:
+) -> Tracks:
     """The same road without a lane change."""
     four = setting.four
     never = replace(four, coordinated=False, signal_s=four.until_s + STEP_S)

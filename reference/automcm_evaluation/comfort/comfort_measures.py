@@ -37,8 +37,12 @@ class DrivenTrack:
     acceleration: Floats
 
 
-def tracks(samples: Sequence[Sample]) -> dict[int, DrivenTrack]:
-    """By station id."""
+Tracks = dict[int, DrivenTrack]
+"""By station id."""
+
+
+def tracks(samples: Sequence[Sample]) -> Tracks:
+    """The tracks of all vehicles."""
     found = {}
     for station_id in sorted({s.station_id for s in samples}):
         of = [s for s in samples if s.station_id == station_id]
@@ -77,7 +81,7 @@ class Distance:
     collision_s: float | None
 
 
-def distance(of: int, found: dict[int, DrivenTrack]) -> Distance:
+def distance(of: int, found: Tracks) -> Distance:
     """The gap of one vehicle to the next one ahead at each time."""
     me = found[of]
     gaps, speeds = [], []

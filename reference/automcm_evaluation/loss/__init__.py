@@ -1,5 +1,1 @@
-"""Success of exchanges under message loss: section VI-C of the paper.
-
-Sessions, drives, and UDP sockets.
-Only ``sweeps`` imports it.
-"""
+"""Sessions and drives under message loss, also on UDP sockets: section VI-C of the paper."""

@@ -1,5 +1,1 @@
-"""Benchmarks: each prints ratios to a baseline of the same run.
-
-For ``automcm bench``.
-Only maintenance imports it.
-"""
+"""``automcm bench``: ratios to a baseline of the same run; and a fuzzer of the decoders."""

@@ -1,5 +1,1 @@
-"""Generates the committed pages, pictures and schemas, and finds stale ones.
-
-For ``make generate`` and ``make verify``.
-Only maintenance imports it.
-"""
+"""Generates pages, pictures and schemas, and finds stale ones."""

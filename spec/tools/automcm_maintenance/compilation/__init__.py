@@ -1,5 +1,1 @@
-"""Compiles Station.tla to ``vocabulary/station.py``.
-
-Used by ``make generate``, and to check that the committed file is up to date. Only maintenance
-imports it.
-"""
+"""Compiles Station.tla to ``vocabulary/station.py``, which needs no Java."""

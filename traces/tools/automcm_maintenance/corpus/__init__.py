@@ -1,5 +1,1 @@
-"""Builds traces/corpus: logs, each with its verdict.
-
-For ``make generate``.
-Only maintenance imports it.
-"""
+"""Builds traces/corpus: logs, each with its verdict."""
