@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from automcm.applications.vehicle import LANE_WIDTH
 from automcm_evaluation.framework.experiment import ExperimentError, Values
@@ -19,14 +18,12 @@ from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters
 
-VARIANTS: Mapping[str, str] = MappingProxyType(
-    {
-        "none": "SUMO's drivers, without cooperation (lcCooperative 0)",
-        "cooperative": "SUMO's drivers, with its cooperative lane change (lcCooperative 1)",
-        "silent": "the share drives as with stations, but no message arrives",
-        "stations": "the share has stations, on the table radio",
-    }
-)
+VARIANTS = {
+    "none": "SUMO's drivers, without cooperation (lcCooperative 0)",
+    "cooperative": "SUMO's drivers, with its cooperative lane change (lcCooperative 1)",
+    "silent": "the share drives as with stations, but no message arrives",
+    "stations": "the share has stations, on the table radio",
+}
 ALONE = ("none", "cooperative")
 """Those without stations."""
 IN_LANE_M = 0.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import MappingProxyType
 
 from automcm.applications.occupancy import HARDEST
 from automcm_evaluation.framework.experiment import Cell, Values, chosen, groups
@@ -24,22 +23,20 @@ def _rate(name: str) -> Callable[[Values], float]:
     return lambda result: 60 * float(result[name]) / result["vehicle_s"]
 
 
-MEASURES: Mapping[str, Callable[[Values], float | None]] = MappingProxyType(
-    {
-        "s_per_km": lambda r: r["s_per_km"],
-        "lost": lambda r: 100 * r["lost"],
-        "lane_changes": _rate("lane_changes"),
-        "hard": _rate("hard_brakings"),
-        "critical": _rate("critical_s"),
-        "ttc": lambda r: r["least_ttc_s"],
-        "jerk_equipped": lambda r: r["jerk_equipped"],
-        "jerk_others": lambda r: r["jerk_others"],
-        "busy": lambda r: r["busy"],
-        "cam_p95": lambda r: r["cam_age_ms"]["p95"],
-        "cam_p99": lambda r: r["cam_age_ms"]["p99"],
-        "bytes": lambda r: r["bytes"] / r["equipped"] if r["equipped"] else None,
-    }
-)
+MEASURES: dict[str, Callable[[Values], float | None]] = {
+    "s_per_km": lambda r: r["s_per_km"],
+    "lost": lambda r: 100 * r["lost"],
+    "lane_changes": _rate("lane_changes"),
+    "hard": _rate("hard_brakings"),
+    "critical": _rate("critical_s"),
+    "ttc": lambda r: r["least_ttc_s"],
+    "jerk_equipped": lambda r: r["jerk_equipped"],
+    "jerk_others": lambda r: r["jerk_others"],
+    "busy": lambda r: r["busy"],
+    "cam_p95": lambda r: r["cam_age_ms"]["p95"],
+    "cam_p99": lambda r: r["cam_age_ms"]["p99"],
+    "bytes": lambda r: r["bytes"] / r["equipped"] if r["equipped"] else None,
+}
 """Of one run; rates are for each vehicle and minute, bytes for each equipped vehicle."""
 
 

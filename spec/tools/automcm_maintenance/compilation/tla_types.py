@@ -7,8 +7,9 @@ expression from the types of a few root operators, and rejects comparing or mixi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import TypeAlias
 
 from automcm_maintenance.compilation.sany import OTHER, Node, NotCompiled, Operator, ParsedModules
@@ -130,8 +131,11 @@ class Signature:
     result: Type
 
 
-_NUMBERS = {"+": INT, "-": INT, "<": BOOL, ">": BOOL, "\\leq": BOOL, "\\geq": BOOL}
-_NUMBERS_SET = {"..": SetOf(INT)}
+_NUMBERS: Mapping[str, Type] = {
+    **dict.fromkeys(("+", "-"), INT),
+    **dict.fromkeys(("<", ">", "\\leq", "\\geq"), BOOL),
+    "..": SetOf(INT),
+}
 _LOGIC = {"\\land", "\\lor", "\\lnot", "=>", "$ConjList", "$DisjList"}
 _CONJUNCTION = {"\\land", "$ConjList"}
 _SETS = {"\\union", "\\intersect", "\\"}
@@ -234,11 +238,11 @@ class Types:
             self._mixed.setdefault(joined.classes, node.at)
         return joined
 
+    def _common(self, types: Iterable[Type], node: Node) -> Type:
+        return reduce(lambda a, b: self._join(a, b, node), types)
+
     def _all(self, nodes: Sequence[Node], env: Env) -> Type:
-        first, *rest = (self.of(node, env) for node in nodes)
-        for other in rest:
-            first = self._join(first, other, nodes[0])
-        return first
+        return self._common([self.of(node, env) for node in nodes], nodes[0])
 
     def _must(self, node: Node, env: Env, wanted: Type) -> None:
         if self.of(node, env) not in (wanted, NEVER):
@@ -265,10 +269,10 @@ class Types:
             return self._logic(node, env)
         if op in _BINDERS:
             return self._binder(node, env)
-        if op in _NUMBERS or op in _NUMBERS_SET:
+        if op in _NUMBERS:
             for arg in args:
                 self._must(arg, env, INT)
-            return _NUMBERS.get(op) or _NUMBERS_SET[op]
+            return _NUMBERS[op]
         if op in _SETS:
             self._item(args[0], env)
             return self._all(args, env)
@@ -362,14 +366,12 @@ class Types:
         return env
 
     def _case(self, node: Node, env: Env) -> Type:
-        found = None
+        found: Type = NEVER
         for arm in node.args:
             test, value = arm.args
             if test.op != OTHER:
                 self._must(test, env, BOOL)
-            one = self.of(value, self._narrow(test, env))
-            found = one if found is None else self._join(found, one, value)
-        assert found is not None
+            found = self._join(found, self.of(value, self._narrow(test, env)), value)
         return found
 
     def _record(self, node: Node, env: Env) -> Type:
@@ -406,10 +408,7 @@ class Types:
             raise NotCompiled(f"a record without a field {step}", node.at)
         if len(fields) < len(found.classes):
             self.partial.add(node.at)
-        result = fields[0]
-        for one in fields[1:]:
-            result = self._join(result, one, node)
-        return result
+        return self._common(fields, node)
 
     def _index(self, node: Node, env: Env) -> Type:
         base, index = node.args
@@ -423,10 +422,7 @@ class Types:
             raise NotCompiled(f"no tuple with {index.name} elements", node.at)
         if len(forms) < len(_forms(found)):
             self.partial.add(node.at)
-        result = forms[0].items[int(index.name) - 1]
-        for form in forms[1:]:
-            result = self._join(result, form.items[int(index.name) - 1], node)
-        return result
+        return self._common((form.items[int(index.name) - 1] for form in forms), node)
 
     def _except(self, node: Node, env: Env) -> Type:
         base = self.of(node.args[0], env)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import z3  # type: ignore[import-untyped]
@@ -64,24 +64,22 @@ def lift(value: Value) -> z3.ExprRef:
 
 def all_of(values: Iterable[Value]) -> Value:
     """The conjunction, which stops at the first that is known to be false."""
-    rest = []
-    for value in values:
-        if value is False:
-            return False
-        if value is not True:
-            rest.append(value)
-    return True if not rest else rest[0] if len(rest) == 1 else z3.And(rest)
+    return _joined(values, False, z3.And)
 
 
 def any_of(values: Iterable[Value]) -> Value:
     """The disjunction, which stops at the first that is known to be true."""
+    return _joined(values, True, z3.Or)
+
+
+def _joined(values: Iterable[Value], last: bool, join: Callable[[list[Value]], Value]) -> Value:
     rest = []
     for value in values:
-        if value is True:
-            return True
-        if value is not False:
+        if value is last:
+            return last
+        if not isinstance(value, bool):
             rest.append(value)
-    return False if not rest else rest[0] if len(rest) == 1 else z3.Or(rest)
+    return not last if not rest else rest[0] if len(rest) == 1 else join(rest)
 
 
 def negated(value: Value) -> Value:
@@ -121,12 +119,10 @@ class Set:
 
         def one(part: Callable[[], Member]) -> Value:
             m = part()
-            body = False if m.guard is False else all_of([m.guard, test(m.element)])
-            return (
-                body if isinstance(body, bool) or not m.variables else z3.Exists(m.variables, body)
-            )
+            known = isinstance(m.guard, bool) or not m.variables
+            return m.guard if known else z3.Exists(m.variables, m.guard)
 
-        return any_of(map(one, self.parts))
+        return any_of(map(one, self.where(test).parts))
 
     def every(self, test: Callable[[Value], Value]) -> Value:
         """Whether the test holds for all elements."""
@@ -145,27 +141,21 @@ class Set:
     def where(self, test: Callable[[Value], Value]) -> Set:
         """The elements for which the test holds."""
 
-        def of(part: Callable[[], Member]) -> Callable[[], Member]:
-            def make() -> Member:
-                m = part()
-                guard = False if m.guard is False else all_of([m.guard, test(m.element)])
-                return m._replace(guard=guard)
+        def of(m: Member) -> Member:
+            guard = False if m.guard is False else all_of([m.guard, test(m.element)])
+            return m._replace(guard=guard)
 
-            return make
-
-        return Set(tuple(map(of, self.parts)))
+        return self._each(of)
 
     def map(self, to: Callable[[Value], Value]) -> Set:
         """The set of the values of the elements."""
+        return self._each(lambda m: m._replace(element=to(m.element)))
 
-        def of(part: Callable[[], Member]) -> Callable[[], Member]:
-            def make() -> Member:
-                m = part()
-                return m._replace(element=to(m.element))
+    def _each(self, change: Callable[[Member], Member]) -> Set:
+        def made(part: Callable[[], Member]) -> Member:
+            return change(part())
 
-            return make
-
-        return Set(tuple(map(of, self.parts)))
+        return Set(tuple(partial(made, part) for part in self.parts))
 
     def union(self) -> Set:
         """The union of the elements, which are sets."""
@@ -347,7 +337,7 @@ class Evaluator:
                 return op == "TRUE"
             case "name":
                 found = env[node.name]
-                return found() if isinstance(found, _Lazy) else found
+                return found() if callable(found) else found
             case "constant":
                 return self.constants[node.name]
             case "a variable":
@@ -433,7 +423,8 @@ class Evaluator:
         return Evaluator(self.spec, self.constants, self.after, {}, self.sizes)
 
     def _lazy(self, node: Node, env: Env) -> Value:
-        return _Lazy(lambda: self.value(node, env))
+        """A value that is computed when it is needed first."""
+        return cache(partial(self.value, node, env))
 
     def _if(self, test: Value, a: Node, b: Node, env: Env) -> Value:
         if isinstance(test, bool):
@@ -495,19 +486,6 @@ class Evaluator:
         if not rest:
             return found.map(lambda x: self.value(body, {**env, name: x}))
         return found.map(lambda x: self._all(body, rest, {**env, name: x})).union()
-
-
-class _Lazy:
-    """A value that is computed when it is needed first."""
-
-    def __init__(self, make: Callable[[], Value]) -> None:
-        self._make: Callable[[], Value] | None = make
-        self._value: Value = None
-
-    def __call__(self) -> Value:
-        if self._make is not None:
-            self._value, self._make = self._make(), None
-        return self._value
 
 
 def _numbers_from(first: Value, last: Value) -> Set:
