@@ -28,6 +28,7 @@ import browser_checks
 import browser_colour_checks
 import browser_firefox
 import browser_firefox_checks
+import browser_report_checks
 import browser_room_checks
 import browser_run_checks
 import browser_share_checks
@@ -54,6 +55,7 @@ CHECKS = _checks(
     browser_view_checks,
     browser_room_checks,
     browser_colour_checks,
+    browser_report_checks,
     browser_run_checks,
     browser_share_checks,
 )

@@ -48,7 +48,9 @@ class Browser:
         return path
 
     @contextmanager
-    def page(self, path: Path, after: str = "", **how: Any) -> Iterator[Any]:
+    def page(
+        self, path: Path, after: str = "", ready: str = "#svg .heads", **how: Any
+    ) -> Iterator[Any]:
         size = {"width": 1280, "height": 800}
         context = self._browser.new_context(offline=True, **({"viewport": size} | how))
         page = context.new_page()
@@ -58,7 +60,7 @@ class Browser:
         page.goto(f"file://{path}{after}")
         if how.get("java_script_enabled", True):
             try:
-                page.wait_for_function("document.querySelector('#svg .heads')")
+                page.wait_for_selector(ready, state="attached")
             except Exception as error:
                 raise AssertionError(f"{path.name} does not open: {self.problems}") from error
         yield page

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import json
 import resource
+import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from broken_stations import broken
@@ -288,3 +290,23 @@ def test_what_was_found_is_not_lost(
     assert of(found, ACCEPTS).verdict == "PASS"
     assert of(found, "AMCM/RCV/ADV/TI-03").verdict == "INCONC"
     assert problem in of(found, "AMCM/RCV/ADV/TI-03").reason
+
+
+def test_after_ctrl_c_what_was_sent_is_judged(conform: Suite) -> None:
+    """The answers that came until then, also those that were not read yet."""
+    judge = graph_cases.Runner._judge_sent
+
+    def interrupted(self: Any, of: Any) -> None:
+        judge(self, of)
+        if not self.ended:  # the first lines are sent, and nothing is judged yet
+            signal.raise_signal(signal.SIGINT)
+
+    conform.patch.setattr(graph_cases.Runner, "_judge_sent", interrupted)
+    conform.patch.setattr(graph_cases, "BULK", 1)
+    code = """
+def answer(c):
+    return {**right(c), "phase": "WAITING"} if c["cmd"] == "command" else right(c)
+"""
+    found = conform(station(code), "MUST", states=60)
+    assert "interrupted" in found.notes and found.problems == []
+    assert found.counts["FAIL"] >= 1 and found.exit_code == 1
