@@ -21,6 +21,7 @@ from automcm_evaluation.sweeps.catalogue import NAMES, experiment
     ids=lambda cell: " ".join(re.findall(r"[a-z]\w+", str(cell))[:6]),
 )
 def test_a_cell_has_the_result_that_is_kept(cell: Any) -> None:
+    """``python reference/tests/fixed_cells.py`` renews them if a change is meant."""
     assert fixed_cells.result(cell) == cell["result"]
 
 
