@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_evaluation.traffic_experiment import traffic_cell
 from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
-from automcm_evaluation.traffic_experiment.traffic_tables import indifferent, summary
+from automcm_evaluation.traffic_experiment.traffic_tables import coverage, indifferent, summary
 from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
 
 SMALL = Scale(
@@ -67,3 +68,18 @@ def test_a_hazard_beyond_the_bound_is_broken() -> None:
     values = {"part": "all ask", "stations": 2, "spread_ms": 0, "run_ms": 1000}
     (text,) = summary([Cell(values, hazards | {"wrong": wrong})])["broken"]
     assert "1541" in text
+
+
+def test_the_full_grid_is_the_one_that_the_page_counts() -> None:
+    full = experiment("traffic").profiles["standard"]
+    assert isinstance(full, Scale)
+    grid = [block for block in full.blocks if block[0] == "lane-change-4"]
+    runs = [
+        v for v in cells(full) if (v.get("scenario"), v.get("variant")) == (grid[0][0], "stations")
+    ]
+    one = {"scenario": "lane-change-4", "variant": "stations", "seeds": 20}
+    road = [one | {"per_km": b[1], "share": share} for b in grid for share in b[2]]
+    found = coverage(road)
+    assert len(runs) == found["asked"] == found["ran"] == 8 * 10 * 20
+    assert coverage(road[1:])["ran"] == found["asked"] - 20
+    assert coverage(road[1:])["rows"][0]["seeds"] == [0, *[20] * 9]
