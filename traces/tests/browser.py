@@ -79,7 +79,7 @@ PICTURE = Path(__file__).parents[2] / "docs" / "demo.png"
 
 def picture(browser: Browser, path: Path) -> None:
     """The page of a demonstration, as the README shows it."""
-    with browser.page(path.resolve(), viewport={"width": 1200, "height": 620}) as page:
+    with browser.page(path.resolve(), viewport={"width": 1400, "height": 640}) as page:
         page.wait_for_timeout(300)
         page.screenshot(path=PICTURE)
 

@@ -28,7 +28,7 @@ function head(n, first) {
   const phase = logged ? phaseAt(n, first) : "";
   const full = whole(COLUMNS[n], shown);
   group.append(make("title", {}, visible(phase ? `${full}: ${phase}` : full)));
-  const fits = [full, ...full.split(" · ")].find((one) => textWidth(one) * 1.13 < width - 4) ?? shown;
+  const fits = [full, ...full.split(" · "), COLUMNS[n].called].find((one) => one && textWidth(one) * 1.13 < width - 4) ?? shown;
   group.append(make("text", { x: x + width / 2, y: 16, "text-anchor": "middle",
     class: logged ? "name" : "name bare" }, fitted(visible(fits), (width - 4) / (logged ? 1.13 : 1))));
   if (phase && phase !== "STANDALONE") {
