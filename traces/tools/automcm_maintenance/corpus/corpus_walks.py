@@ -162,8 +162,8 @@ class ModelGraph:
         """The station and the input at the end of a printed tuple."""
         if text not in self._inputs:
             unquoted = tla_values.parse(f'"{text}')
-            who, value = _pair(tla_values.parse(f"<<{unquoted}"))
-            self._inputs[text] = who, tlc_simulation.input_of(value)
+            parsed: Any = tla_values.parse(f"<<{unquoted}")
+            self._inputs[text] = parsed[0], tlc_simulation.input_of(parsed[1])
         return self._inputs[text]
 
     @property
@@ -277,7 +277,3 @@ def _node(line: str) -> ModelNode:
     st = {s: tlc_simulation.state(value) for s, value in enumerate(stations, 1)}
     messages = frozenset(behaviour_to_log.plain(Message(**m)) for m in net)
     return ModelNode(st, messages)
-
-
-def _pair(value: Any) -> tuple[int, Any]:
-    return value[0], value[1]
