@@ -33,8 +33,3 @@ class Numbers:
             self._starts.insert(k + 1, number)
             self._ends.insert(k + 1, number + 1)
         return True
-
-    @property
-    def top(self) -> int:
-        """The highest number; -1 if the set is empty."""
-        return self._ends[-1] - 1 if self._ends else -1

@@ -1,9 +1,10 @@
 """Reads logs, and describes in one line why a log cannot be read."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import BinaryIO, Literal, Protocol
 
 from pydantic import ValidationError
 
@@ -125,9 +126,16 @@ def records(path: str | Path, *, gaps: bool = False) -> Iterator[LogEntry]:
     Raises BadInput at the first line that is wrong, after yielding the lines before it. With
     `gaps`, a jump of `seq` is a notice before the next record instead of an error.
     """
+    with opened(path) as stream:
+        yield from _Reader(path, gaps).entries(stream)
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[BinaryIO]:
+    """A log as a stream of bytes. Raises BadInput where it cannot be opened or read."""
     try:
         with open(path, "rb") as stream:
-            yield from _Reader(path, gaps).entries(stream)
+            yield stream
     except FileNotFoundError:
         raise BadInput(path, 0, "", "no such file") from None
     except IsADirectoryError:

@@ -69,9 +69,7 @@ def wrongly_told(
     }
     received = to_dict(step.given) if isinstance(step.given, Message) else {}
     wanted |= {"prescription": received, "acceptance": received} if received else {}
-    wanted |= {
-        one: received[one] for one in ("reason", "prescribed", "selected") if one in received
-    }
+    wanted |= {one: received[one] for one in CARRIED if one in received}
     if step.indication[1:] not in ((), ("as_sent",)):
         wanted["reason"] = step.indication[1]
     if lease_ms is not None and step.event is not None:

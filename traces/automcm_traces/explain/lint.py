@@ -24,7 +24,7 @@ from automcm_spec.log_format.log import EVENT_KINDS, problems, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.log_format.private_keys import private_keys
 from automcm_spec.log_format.problems import join
-from automcm_spec.log_format.reader import LONGEST_LINE, NotJsonError, cut, parse
+from automcm_spec.log_format.reader import LONGEST_LINE, NotJsonError, cut, opened, parse
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.rules import RULES
@@ -85,15 +85,8 @@ def lint(path: str | Path) -> Iterator[Finding]:
     Raises BadInput if the file is not a log: it cannot be opened, is empty, or its first line is
     not a JSON object.
     """
-    try:
-        with open(path, "rb") as stream:
-            yield from _Lint(name_of(path)).findings(stream)
-    except FileNotFoundError:
-        raise BadInput(path, 0, "", "no such file") from None
-    except IsADirectoryError:
-        raise BadInput(path, 0, "", "is a directory; name a log file") from None
-    except OSError as error:
-        raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
+    with opened(path) as stream:
+        yield from _Lint(name_of(path)).findings(stream)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import TableRow
-from automcm_traces.system.copy_folding import Key, folded, key_of, new_phase
+from automcm_traces.system.copy_folding import Key, Phases, folded, key_of
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
@@ -50,7 +50,9 @@ def diagram(
     yield "sequenceDiagram"
     yield from (f"  participant S{station} as {station}" for station in sorted(known))
     drawn = left_out = 0
-    for fold in folded(_with_phases(kept), _unique if unfold else _key):
+    phases = Phases()
+    rows_ = ((row, phases.change(row.station, row.event)) for row in kept)
+    for fold in folded(rows_, _unique if unfold else _key):
         row, phase = fold.first
         room = max(0, most - drawn)
         drawn += len(row.arrows)
@@ -65,16 +67,6 @@ def diagram(
     if left_out:
         first, last = min(known), max(known)
         yield f"  Note over S{first},S{last}: {left_out} more messages are not shown"
-
-
-def _with_phases(rows: Iterable[TableRow]) -> Iterator[tuple[TableRow, str]]:
-    """Each row with the new phase of its station; empty if it stays."""
-    phase: dict[int, str | None] = {}
-    for row in rows:
-        was = phase.get(row.station)
-        now = new_phase(row.event, was)
-        phase[row.station] = now or was
-        yield row, now
 
 
 def _key(item: tuple[TableRow, str]) -> Key | None:

@@ -13,7 +13,7 @@ from html import escape
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
-from automcm_traces.system.copy_folding import Fold, Key, folded, key_of, new_phase
+from automcm_traces.system.copy_folding import Fold, Key, Phases, folded, key_of
 from automcm_traces.system.event_order import Node
 from automcm_traces.system.fates import ANYONE, Arrow
 from automcm_traces.system.log_merge import Merged
@@ -170,12 +170,9 @@ def _event(merged: Merged, arrow: Arrow) -> Event:
 
 def _phases(merged: Merged) -> dict[Node, str]:
     """The phases, where they change."""
-    now = [""] * len(merged.logs)
-    found = {}
-    for node in merged.order:
-        if phase := new_phase(merged.event(node), now[node[0]]):
-            now[node[0]] = found[node] = phase
-    return found
+    phases = Phases()
+    found = ((node, phases.change(node[0], merged.event(node))) for node in merged.order)
+    return {node: phase for node, phase in found if phase}
 
 
 def _acting(merged: Merged, phases: dict[Node, str], places: _Places, end: float) -> Iterator[str]:

@@ -83,6 +83,19 @@ class OfCams:
         return found
 
 
+class Phases:
+    """The phases of stations, whose events come in order."""
+
+    def __init__(self) -> None:
+        self._now: dict[int, str] = {}
+
+    def change(self, station: int, event: Event | None) -> str:
+        """The phase after the next event of a station; empty if it stays the same."""
+        phase = new_phase(event, self._now.get(station))
+        self._now[station] = phase or self._now.get(station, "")
+        return phase
+
+
 def new_phase(event: Event | None, before: str | None) -> str:
     """The phase after an event, if it is another than ``before``; a station starts in
     STANDALONE."""

@@ -19,7 +19,7 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
-from automcm_traces.system.copy_folding import Key, OfCams, folded, key_of, new_phase
+from automcm_traces.system.copy_folding import Key, OfCams, Phases, folded, key_of
 from automcm_traces.system.event_order import Head, Node, ordered
 from automcm_traces.system.fates import FATES, Arrow
 from automcm_traces.viewer import page_run, page_traffic
@@ -232,7 +232,7 @@ def _rows(
     texts, bodies = PackedTable(), PackedTable()
     logs, n = page.logs, len(page.logs)
     lines, times, sessions = [1] * n, 0, [""] * n
-    of_cam, phases = OfCams(), [""] * n
+    of_cam, phases = OfCams(), Phases()
     keys: list[list[tuple[int, Key | None]]] = [[] for _ in page.runs]
     run_of = [r for r, run in enumerate(page.runs) for _ in run.logs]
     vendor = [run.vendor[log.file] for run in page.runs for log in run.logs]
@@ -244,8 +244,7 @@ def _rows(
         at, event = logs[i].events[k]
         flags = OF_CAM * of_cam.has(i, event) | IS_CAM * event.is_cam
         if not flags:
-            changes = bool(phase := new_phase(event, phases[i]))
-            phases[i] = phase or phases[i]
+            changes = bool(phases.change(i, event))
             keys[run_of[i]].append((row, key_of(i, event, rejected.get((i, k)), changes)))
         named = session_of(event)
         if named is not None:
