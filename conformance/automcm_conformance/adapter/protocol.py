@@ -33,6 +33,11 @@ Json = Any
 PROTOCOL: Final = 1
 
 Feature = Literal["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"]
+NEEDS: Final[dict[str, Feature]] = {
+    **dict.fromkeys(("request", "close", "prescribe", "proceed", "complete"), "prescriber"),
+    **dict.fromkeys(("accept", "refuse"), "receiver"),
+}
+"""The feature that each command of an application needs; ``abort`` needs none."""
 DEFAULTS: Final = {n: ms for n, ms in parameters.DEFAULTS.items() if n != "clock_drift"}
 """The parameters that every ``reset`` has, in ms or as counts.  ``clock_drift`` needs a feature."""
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from pydantic_core import to_json
 from automcm_conformance.adapter.process import AdapterError, Process
 from automcm_conformance.adapter.protocol import (
     COMMAND,
+    NEEDS,
     SAY_HELLO,
     HelloAnswer,
     Object,
@@ -52,16 +53,6 @@ MAX_STEP_MS = 1_000
 """The longest step in time, so that CAMs are sent in time (adapter.md allows 10 s)."""
 SHOWN = 40
 """This many of the last lines of the exchange are kept."""
-NEEDS = {
-    "request": "prescriber",
-    "close": "prescriber",
-    "prescribe": "prescriber",
-    "proceed": "prescriber",
-    "complete": "prescriber",
-    "accept": "receiver",
-    "refuse": "receiver",
-}
-"""The feature that each command needs (adapter.md)."""
 
 
 @dataclass(slots=True)

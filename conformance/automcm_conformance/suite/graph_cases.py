@@ -8,7 +8,7 @@ from time import monotonic
 
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import DEFAULTS, ProtocolError, Refused
+from automcm_conformance.adapter.protocol import DEFAULTS, NEEDS, ProtocolError, Refused
 from automcm_conformance.exchange.answers import BACK_OFF, MARKS
 from automcm_conformance.exchange.confirmation import in_fresh_process
 from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_pair
@@ -280,12 +280,8 @@ class Runner:
         match value:
             case Restart():
                 needed = "restart"
-            case Command(name="abort"):
-                return ""
-            case Command(name="accept" | "refuse"):
-                needed = "receiver"
-            case Command():
-                needed = "prescriber"
+            case Command(name=name):
+                needed = NEEDS.get(name, "")
             case Receive(message=Message(type="Advertisement"), concerned=True):
                 needed = "receiver"
             case _:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 
+from automcm_conformance.adapter.protocol import NEEDS
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS, ME
 from automcm_conformance.suite.scripted import Fresh, Played, number, room
@@ -37,10 +38,6 @@ PAUSE_MS = 7
 SHARES = 9
 SHORT_MS = 900
 """A lease that ends before the other timers of ACTUATING."""
-COMMANDS = {
-    "prescriber": ("request", "close", "prescribe", "proceed", "complete", "abort"),
-    "receiver": ("accept", "refuse", "abort"),
-}
 ROLES = ("prescriber", "receiver")
 
 
@@ -195,7 +192,7 @@ def _follow(
 
 def _try(x: Exchange, sessions: list[Session], roles: set[str], n: int) -> None:
     """The inputs that must change nothing here; each exchange tries another part of them."""
-    commands = {name for role in roles for name in COMMANDS[role]}
+    commands = {"abort", *(name for name, feature in NEEDS.items() if feature in roles)}
     for i in range(n % SHARES, len(x.oracle.inputs), SHARES):
         answer = x.oracle.answer(x.state, i)
         if answer is None or answer.changes or answer.effect.rule == "MEM-1":
