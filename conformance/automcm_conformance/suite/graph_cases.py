@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from time import monotonic
@@ -47,6 +48,8 @@ BULK = 1_000
 """The approximate number of lines that are written before their answers are read."""
 STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
+HANGS = 3
+"""After so many hangs at the same command, the rest of a part is skipped."""
 CRASHES = ("crash", "closed")
 FIRST, SHARES = 30, {False: 35, True: 5}
 """``--quick`` drives the first pairs of a case, and one in so many of the others, by whether they
@@ -87,6 +90,10 @@ class Runner:
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
         """The case that is blamed for wrong marks, wherever they occur."""
+        self._hangs = Counter[tuple[str, str]]()
+        """How often the station hung in a part, by the command."""
+        self.stuck = set[str]()
+        """The parts whose rest is skipped because the station hangs."""
         self.parts: list[PairPart] = []
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
@@ -232,7 +239,7 @@ class Runner:
     def tour(self, run: PartRun) -> None:
         """Test the planned pairs, as far as possible."""
         part, tours = run.part, run.tours
-        while not self.cut_short:
+        while not self.cut_short and part.name not in self.stuck:
             tour = tours.next()
             if tour is None and not run.unsent and not run.sent:
                 break
@@ -247,7 +254,9 @@ class Runner:
         if self.ended:  # what was sent is judged, too
             run.unsent = []
             self._judge_sent(run)
-        if self.cut_short:
+        if part.name in self.stuck:
+            self.adapter.renew()
+        if self.cut_short or part.name in self.stuck:
             return
         tours.usable(run.attempts)
         for state in [state for state in tours.left if tours.path(state) is not None]:
@@ -429,6 +438,7 @@ class Runner:
         """Find the shortest exchange that fails in the same way, and the case it belongs to."""
         part, tours, tour = run.part, run.tours, active.tour
         self.resynchronize(error)
+        self.hung(part, error)
         before = self.adapter.broken
         place = error.steps[-1].place
         inputs = tour[: place + 1]
@@ -494,6 +504,19 @@ class Runner:
         if case is not None:
             self._reached(part, case, culprit)
         self._blame(run, culprit, error, why, unconfirmed=unconfirmed)
+
+    def hung(self, part: PairPart, error: Wrong) -> None:
+        """Count a hang, which takes the whole limit of an answer: the last one ends the part."""
+        if not isinstance(error, Broken) or error.kind != "hang":
+            return
+        command = error.steps[-1].command
+        about = command.get("message", {}).get("type") or command.get("command", {}).get("name")
+        what = f"{command['cmd']} {about}" if about else command["cmd"]
+        self._hangs[part.name, what] += 1
+        if self._hangs[part.name, what] == HANGS:
+            self.stuck.add(part.name)
+            text = f"{part.name}: the rest is skipped after {HANGS} hangs at {what}"
+            self.adapter.problems.append(text)
 
     def confirmed(self, tally: Tally | None, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
         """``in_fresh_process``, for the first failure of a case."""

@@ -29,7 +29,7 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
     tally = runner.tallies[purpose.id]
     tally.total = 1
     missing = off_graph_cases.needs(purpose.case) - runner.features
-    if missing or runner.cut_short:
+    if missing or runner.cut_short or part.name in runner.stuck:
         tally.skipped.update(sorted(missing)[:1])
         return
     part = PairPart(part.name, off_graph_cases.graph(purpose.case, part.oracle))
@@ -45,6 +45,7 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
             steps = steps or (x.done if x is not None else [])
     except (Mismatch, Broken) as error:
         runner.adapter.renew()
+        runner.hung(part, error)
         wrong, unconfirmed = runner.confirmed(tally, error, repeated=True)
         steps = wrong.steps
         pair = deciding_pair(part.oracle, wrong)

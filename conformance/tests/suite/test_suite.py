@@ -91,6 +91,15 @@ def test_a_station_that_crashes_all_the_time_is_given_up(conform: Suite) -> None
     assert report.load(conform.folder / "report" / "report.json") == found
 
 
+def test_the_rest_of_a_part_is_skipped_after_three_hangs_at_one_command(conform: Suite) -> None:
+    code = "def answer(c):\n    if received(c, 'Fin'): time.sleep(60)\n    return right(c)"
+    found = conform(station(code), "ACT-3", "END-3", ACCEPTS, states=60, limit_s=0.5)
+    says = f"the rest is skipped after {graph_cases.HANGS} hangs at receive Fin"
+    assert f"one-peer: {says}" in found.problems
+    assert found.counts["ERROR"] and found.counts["INCONC"]
+    assert not any("cut short" in problem for problem in found.problems)
+
+
 def test_what_a_run_that_was_cut_short_left_out_is_open(conform: Suite) -> None:
     conform.patch.setattr(graph_cases, "PATIENCE", 1)
     code = "def answer(c):\n    if received(c, 'Prescription'): os._exit(3)\n    return right(c)"

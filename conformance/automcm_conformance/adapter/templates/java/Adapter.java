@@ -93,7 +93,7 @@ public class Adapter {
                 Map<String, Object> line = Json.object(Json.parse(text));
                 if ("stop".equals(line.get("cmd"))) return;
                 reply = adapter.answer(line);
-            } catch (RuntimeException error) {
+            } catch (RuntimeException | StackOverflowError error) {
                 reply = Map.of("error", String.valueOf(error));
             }
             output.print(Json.text(reply) + "\n"); // print anything else to System.err
