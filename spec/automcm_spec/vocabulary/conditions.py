@@ -138,6 +138,13 @@ def blocking_conditions(
     return found
 
 
+def decided_at(evaluated: list[Evaluated], rule: str) -> int:
+    """The line that named the rule of an outcome; 0 if there is none."""
+    lines = (t.condition.line for t in reversed(evaluated))
+    is_rule = (t.condition.kind == "rule" and t.condition.text == rule for t in reversed(evaluated))
+    return next((line for line, it in zip(lines, is_rule, strict=True) if it), 0)
+
+
 @cache
 def _recording_class(made: type) -> type:
     """A subclass that calls ``_hook`` at every condition; each method is compiled at its first

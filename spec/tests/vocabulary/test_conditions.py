@@ -10,6 +10,7 @@ from automcm_spec.vocabulary.conditions import (
     Condition,
     Evaluated,
     blocking_conditions,
+    decided_at,
     record,
     recording,
 )
@@ -92,9 +93,8 @@ def test_the_line_that_decides() -> None:
         (LIMITS.initial, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
     ):
         effect, evaluated = decide(st, asked)
-        named = [t.condition for t in evaluated if t.condition.kind == "rule"]
-        decides = [condition.line for condition in named if condition.text == effect.rule][-1]
-        assert f'"{effect.rule}"' in lines[decides - 1]
+        assert f'"{effect.rule}"' in lines[decided_at(evaluated, effect.rule) - 1]
+        assert decided_at(evaluated, "NEG-0") == 0
 
 
 # Which guard was in the way.
