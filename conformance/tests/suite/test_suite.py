@@ -91,9 +91,10 @@ def test_a_station_that_crashes_all_the_time_is_given_up(conform: Suite) -> None
     assert report.load(conform.folder / "report" / "report.json") == found
 
 
-def test_the_rest_of_a_part_is_skipped_after_three_hangs_at_one_command(conform: Suite) -> None:
+def test_the_rest_of_a_part_is_skipped_after_some_hangs_at_one_command(conform: Suite) -> None:
+    conform.patch.setattr(graph_cases, "HANGS", 1)
     code = "def answer(c):\n    if received(c, 'Fin'): time.sleep(60)\n    return right(c)"
-    found = conform(station(code), "ACT-3", "END-3", ACCEPTS, states=60, limit_s=0.5)
+    found = conform(station(code), "AMCM/RCV/ACT", states=60, limit_s=0.5)
     says = f"the rest is skipped after {graph_cases.HANGS} hangs at receive Fin"
     assert f"one-peer: {says}" in found.problems
     assert found.counts["ERROR"] and found.counts["INCONC"]

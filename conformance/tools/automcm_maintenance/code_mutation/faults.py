@@ -241,7 +241,8 @@ def _own(code: CodeType) -> tuple[object, ...]:
 @cache
 def _living(path: Path, modules: int) -> list[FunctionType]:
     """All functions of a file that this process has, as long as it imports no more ``modules``."""
-    every = (each for each in gc.get_objects() if isinstance(each, FunctionType))
+    # type(), because isinstance() asks a weak proxy whose object may be gone
+    every = (each for each in gc.get_objects() if type(each) is FunctionType)
     return [each for each in every if each.__code__.co_filename == str(path)]
 
 
