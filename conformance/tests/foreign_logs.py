@@ -64,7 +64,7 @@ def check_mutant_log(folder: Path) -> tuple[str, str]:
     logs = driven(build_mutant(mutant, folder), [ITS_CASE], folder / "cases", code=1)
     diverging = [log for log in explained(logs) if log["verdict"] == "diverges"]
     rules = {log["rule"] for log in diverging}
-    if not diverging or not rules <= set(mutant.rules):
+    if not diverging or not rules <= set(mutant.notice["rules"]):
         print(f"{MUTANT}: its logs diverge at {sorted(rules)}", file=sys.stderr)
         return "", ""
     first = diverging[0]

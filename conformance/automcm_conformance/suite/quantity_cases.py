@@ -150,9 +150,14 @@ def _sessions(fresh: Fresh, prescriber: bool) -> Played:
     if not prescriber:
         many = range(2, PARTICIPANTS + 2)
         yield _given(fresh(USUAL), [*_of_prescribers(many), *map(_advertised, many)])
-        few, one_more = many[:MEMORY], many[MEMORY]
-        x = fresh(USUAL, limits=_LIMITS | {"memory_limit": MEMORY})
-        yield _given(x, [*_of_prescribers(few), _advertised(one_more), *_of_prescribers(few, 2)])
+
+
+def _prescribers(fresh: Fresh, _: bool) -> Played:
+    """Two sessions of each that a station can remember, and one of another between (MEM-1)."""
+    few, one_more = range(2, MEMORY + 2), MEMORY + 2
+    x = fresh(USUAL, limits=_LIMITS | {"memory_limit": MEMORY})
+    script = [*_of_prescribers(few), _advertised(one_more), *_of_prescribers(few, 2)]
+    yield _given(x, script) if x.parameters["memory_limit"] == MEMORY else None
 
 
 def _advertised(p: int, n: int = 1) -> Input:
@@ -328,6 +333,7 @@ def _named(x: Exchange, scenario: str) -> Exchange | None:
 
 _CASES = {
     "sessions": _sessions,
+    "prescribers": _prescribers,
     "participants": _participants,
     "orders": _orders,
     "receptions": _receptions,

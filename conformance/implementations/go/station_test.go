@@ -67,6 +67,15 @@ func receive(t *testing.T, s *Station, src, fields string) func() {
 	return func() { s.Receive(object(t, text), nil) }
 }
 
+// until passes the time of s, so that each timer fires at its deadline.
+func until(s *Station, to int64) func() {
+	return func() {
+		for s.now < to {
+			s.AdvanceTo(s.now + 1)
+		}
+	}
+}
+
 func command(s *Station, c Command) func() { return func() { _ = s.Do(&c) } }
 
 const intention = `"type":"Intention","session":[10,1],"seq":1,"planned":{"t0":0,"points":[[0,0,0]]}`
@@ -82,7 +91,7 @@ func chosen(t *testing.T) *Station {
 	step(t, s, command(s, Command{Name: "request"}), "Advertisement ADVERTISING")
 	step(t, s, receive(t, s, "20", intention), "Ack ADVERTISING")
 	step(t, s, receive(t, s, "30", intention), "Ack ADVERTISING")
-	step(t, s, func() { s.AdvanceTo(1400) }, "Advertisement Advertisement Advertisement choose CHOOSING")
+	step(t, s, until(s, 1400), "Advertisement Advertisement Advertisement choose CHOOSING")
 	step(t, s, command(s, Command{Name: "prescribe", Session: Session{me, 1}, Proposal: 1, Target: peer, LeaseMS: 9000}),
 		"Prescription Cancel(not_selected) PRESCRIBING")
 	return s
@@ -137,9 +146,9 @@ func TestPrescriberUntilTheFinIsAcked(t *testing.T) {
 
 func TestGivenUpAfterSoManySendings(t *testing.T) { // section 3, PRE-4
 	s := chosen(t)
-	step(t, s, func() { s.AdvanceTo(1799) },
+	step(t, s, until(s, 1799),
 		strings.Repeat("Prescription Cancel(not_selected) ", 3)+"PRESCRIBING")
-	step(t, s, func() { s.AdvanceTo(1800) }, "Cancel(timeout) fallback(timeout) STANDALONE")
+	step(t, s, until(s, 1800), "Cancel(timeout) fallback(timeout) STANDALONE")
 }
 
 func TestRefusedThenProposedAgain(t *testing.T) { // NEG-7

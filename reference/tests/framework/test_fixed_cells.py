@@ -15,6 +15,7 @@ from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 
 
+@pytest.mark.sweep(30)
 @pytest.mark.parametrize(
     "cell",
     fixed_cells.CELLS,
