@@ -182,6 +182,7 @@ def _output(json_: Path | None) -> Iterator[Callable[[Iterable[WatchReport]], No
     with ExitStack() as stack:
         out: IO[str] | None = None if text else sys.stdout
         if json_ is not None and text:
+            stack.callback(_without_empty, json_)
             out = stack.enter_context(json_.open("w", encoding="utf-8"))
 
         def put(reports: Iterable[WatchReport]) -> None:
@@ -199,6 +200,12 @@ def _output(json_: Path | None) -> Iterator[Callable[[Iterable[WatchReport]], No
                     sys.stdout.flush()
 
         yield put
+
+
+def _without_empty(path: Path) -> None:
+    """Remove a file that took no byte, as on a full disk."""
+    if path.stat().st_size == 0:
+        path.unlink()
 
 
 @contextmanager

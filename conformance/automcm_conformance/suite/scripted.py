@@ -9,6 +9,7 @@ from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite.purposes import ROOM
 from automcm_conformance.suite.scripts import (
+    INSTRUCTED_2,
     REFUSED,
     REQUEST,
     Ahead,
@@ -36,7 +37,7 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
 
     Raises Infeasible, Mismatch and Broken.
     """
-    if REFUSED in inputs(script) and x.parameters["max_rounds"] < 2:
+    if {REFUSED, INSTRUCTED_2} & {*inputs(script)} and x.parameters["max_rounds"] < 2:
         raise Infeasible  # there is no second round
     if sum(map(_begins, inputs(script))) > 1 and room(x) < ROOM:
         raise Infeasible  # what the first session leaves in the outbox keeps out the second

@@ -85,7 +85,8 @@ def test_the_demonstration_ends_as_described(
         log = logs / f"{vehicle['station']}.ndjson"
         assert len(read(log).events) > 50
         assert f'"x_name":"{vehicle["name"]}"' in log.read_text().splitlines()[0]
-        places.add(re.findall(r'"x_mm":(-?\d+),"y_mm":(-?\d+)', log.read_text())[0])
+        own = rf'"src":{vehicle["station"]},[^\n]*?"x_mm":(-?\d+),"y_mm":(-?\d+)'
+        places.add(re.findall(own, log.read_text())[0])
     assert len(places) == len(found["vehicles"]), "each has a place of its own"
     assert found["page"] == str(logs / "page.html") and (logs / "page.html").stat().st_size > 50_000
 

@@ -155,7 +155,7 @@ def _comparison(report: VerifyReport, console: Console) -> None:
             f"{a.differences} differences"
         )
         for found in a.found[:1]:
-            console.print(f"[red]Differs[/]     {escape(str(found))}", soft_wrap=True)
+            _differs(console, str(found))
     if report.behaviours:
         console.print(
             f"Behaviours  {report.behaviours} of four stations replayed, "
@@ -170,4 +170,12 @@ def _comparison(report: VerifyReport, console: Console) -> None:
             f"taken away{missing}; {len(rules.by_test)} shown by a test"
         )
     for text in [*map(explain, report.found), *report.behaviour_differences][:3]:
-        console.print(f"[red]Differs[/]     {escape(text)}", soft_wrap=True)
+        _differs(console, text)
+
+
+def _differs(console: Console, text: str) -> None:
+    """A difference line by line, because the terminal shows a line feed within a text as such."""
+    first, *others = text.split("\n")
+    console.print(f"[red]Differs[/]     {escape(first)}", soft_wrap=True)
+    for line in others:
+        console.print(escape(line), soft_wrap=True)

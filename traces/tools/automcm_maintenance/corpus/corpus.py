@@ -33,7 +33,7 @@ WALKED = (
     "unreduced",
     "probe_two_prescribers",
 )
-"""The closed models of the quick profile, in the order of their walks.
+"""The closed models that are walked, in this order.
 
 ``one_by_three`` is omitted: its receivers have no ids, and a third one adds no behaviour."""
 COVERAGE = "behaviours/coverage.json"
