@@ -110,7 +110,7 @@ PrescriberGoes ==
 ShortWindow == 1
 WorstUnclosed == {[e EXCEPT !.commands = @ \ {"close"}] : e \in Worst}
 
-\* Must-fail models look at one fault class.
+\* For models of one fault class.
 LossyAborts  == {e \in Faults : e.name = "abort, lossy"}
 Restarts     == {e \in Faults : e.name = "restart"}
 PlainAborts  == {e \in PlainFaults : e.name = "abort, Cancels lost"}

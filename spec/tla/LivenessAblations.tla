@@ -26,7 +26,7 @@ OneProposal(k, l) == l # 0
 \* The window may close before anybody is recorded.
 ClosesEmpty(x) == TRUE
 
-\* For this nobody needs to accept, abort or proceed alone.
+\* The commands that are enough to show it.
 OnlyRefusing        == {"request", "prescribe", "refuse"}
 OnlyAgreeing        == {"request", "prescribe", "accept"}
 OnlyAborting        == {"request", "abort"}

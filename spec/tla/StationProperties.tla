@@ -161,8 +161,6 @@ RememberedProp ==
 (* S-16: whoever still is in a session that this station has ended learns  *)
 (* of it as soon as its Intention or its Acceptance arrives (ADV-5, NEG-6).*)
 (***************************************************************************)
-Mine(m) == m.dst = Me /\ In(st, m.session) /\ ~BreaksProtocol(Me, m)
-
 Asks(m) == m.type = "Intention" \/ (m.type = "Acceptance" /\ m.accepted)
 
 EndedProp ==
@@ -209,6 +207,9 @@ LeavingProp ==
              /\ m.type \in {"Fin", "Cancel"} /\ Reliable(m)
              /\ m.dst = p /\ m.session = st.session ]_<<st, last>>
 
+\* A message to this station in its session.
+Mine(m) == m.dst = Me /\ In(st, m.session) /\ ~BreaksProtocol(Me, m)
+
 (***************************************************************************)
 (* S-20: whoever cancels in the window is not recorded in this session any *)
 (* more: it has withdrawn, or there is no room for another (END-2, MEM-1). *)
@@ -239,12 +240,12 @@ EffectProp ==
         /\ /\ peer /\ m.type = "Acceptance" /\ m.reason \in {"busy", "unknown_session"}
            /\ AwaitsAnswer(st) /\ m.proposal = st.proposal
            => ~Bound(st')
-        /\ /\ peer
-           /\ m.type = "Cancel" \/ (m.type = "Fin" /\ st.role = "receiver")
+        /\ /\ peer /\ (m.type = "Cancel" \/ (m.type = "Fin" /\ st.role = "receiver"))
            => ~Bound(st') ]_<<st, last>>
 
 (***************************************************************************)
-(* S-22: no lease runs while the prescriber decides on a further proposal. *)
+(* S-22: no lease runs while the prescriber decides on a further proposal  *)
+(* (ACT-4).                                                                *)
 (***************************************************************************)
 DecidingInv == st.deciding => Timer("lease") \notin Armed(Me, st)
 
@@ -290,13 +291,16 @@ CountsTheRecorded(x) == Cardinality(x.recorded) < MaxParticipants
 \* The resend timer runs, and nothing is sent.
 SendsNothing(me, x, e) == Ignore(x, "REL-1")
 
+Joins(me, x, s, joined) ==
+  LET i == Intention(me, s)
+  IN Effect(Post([x EXCEPT !.phase = "INTENDING", !.role = "receiver",
+                           !.session = s, !.joined = joined], {i}),
+            {i}, Nothing, "ADV-3")
+
 \* A newer session of a prescriber is joined, and the older one remembered.
 KeepsOlder(me, x, m, concerned) ==
-  LET i == Intention(me, m.session)
-      j == [x EXCEPT !.phase = "INTENDING", !.role = "receiver",
-                     !.session = m.session, !.joined = @ \cup {m.session}]
-  IN IF Bound(x) \/ ~NewerThanJoined(x, m.session) \/ ~concerned THEN Ignore(x, "ADV-3")
-     ELSE Effect(Post(j, {i}), {i}, Nothing, "ADV-3")
+  IF Bound(x) \/ ~NewerThanJoined(x, m.session) \/ ~concerned THEN Ignore(x, "ADV-3")
+  ELSE Joins(me, x, m.session, x.joined \cup {m.session})
 
 \* The CAM that counted first is not remembered.
 HearsAnyAge(me, x, i) ==
@@ -339,12 +343,11 @@ FinishesActing(me, x, m) ==
 
 \* A station joins, whether the session concerns it or not.
 JoinsAll(me, x, m, concerned) ==
-  LET i == Intention(me, m.session)
-      j == [x EXCEPT !.phase = "INTENDING", !.role = "receiver",
-                     !.session = m.session, !.joined = {m.session}]
-  IN IF Bound(x) \/ ~NewerThanJoined(x, m.session) THEN Ignore(x, "ADV-3")
-     ELSE Effect(Post(j, {i}), {i}, Nothing, "ADV-3")
+  IF Bound(x) \/ ~NewerThanJoined(x, m.session) THEN Ignore(x, "ADV-3")
+  ELSE Joins(me, x, m.session, {m.session})
 
-\* The lease runs from the first Acceptance on.
-LeaseWhileDeciding(x) == x.phase = "ACTUATING" \/ x.deciding
+\* A refusal does not stop the lease.
+LeaseWhileDeciding(x) ==
+  \/ x.phase \in {"PRESCRIBING", "ACTUATING"}
+  \/ x.phase = "NEGOTIATING" /\ x.role = "prescriber"
 ==============================================================================
