@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -259,9 +260,8 @@ def _config(model: Model) -> str:
                 raise ValueError(f"changes: {change} is what {model.base}.cfg says")
             lines[at] = line
         else:
-            first = next((n for n, old in enumerate(lines) if old.startswith("  ")), 1)
-            after = (n for n, old in enumerate(lines) if n > first and not old.startswith("  "))
-            lines.insert(len(lines) if word.isupper() else next(after, len(lines)), line)
+            constants = list(takewhile(lambda old: old.startswith("  "), lines[1:]))
+            lines.insert(len(lines) if word.isupper() else 1 + len(constants), line)
     if names := model.checks or ([] if model.breaks is None else [model.breaks]):
         lines = split("\n".join(lines))[0].splitlines()
         lines += [f"{_keyword(name)} {name}" for name in names]

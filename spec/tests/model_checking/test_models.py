@@ -255,6 +255,13 @@ def test_a_property_that_the_spec_lacks(tmp_path: Path) -> None:
         models.load(MODELS, tmp_path)
 
 
+def test_a_change_is_not_lost_where_the_checks_take_two_lines(folder: Path) -> None:
+    wrapped = "INVARIANTS TypeInv\n "
+    edit(folder, "INVARIANTS TypeInv", wrapped, "one_by_two.cfg")
+    [retarget] = [m for m in models.load(folder) if m.cfg == "retarget"]
+    assert models.replaced_in(retarget.config) == {"NextTarget": "Retarget"}
+
+
 def test_a_cfg_is_that_of_the_base_with_the_changes() -> None:
     """A change replaces a line or adds one; a must-fail model checks what it breaks alone."""
     base, made = model("outsider_left"), model("thief_keeps_committed")
