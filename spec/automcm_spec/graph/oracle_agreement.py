@@ -62,7 +62,6 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
     if canonical(alphabet) != canonical(oracle.inputs):
         differ(None, None, oracle.inputs, alphabet)
     effects: dict[int, tuple[Any, ...]] = {}
-    kinds = _Kinds()
     for n, st in enumerate(oracle.states):
         result.states += 1
         wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
@@ -80,7 +79,7 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
                 effects[id(answer.effect)] = _typed(answer.effect)
             expected = (oracle.states[answer.next], *effects[id(answer.effect)])
             outcome = _tried(partial(station.step, station.me, st, given))
-            if outcome != expected or not kinds.agree(outcome, expected, st):
+            if outcome != expected or not _is_exact(outcome, expected, st):
                 differ(st, given, expected, outcome)
     return result
 
@@ -102,28 +101,10 @@ def _typed(effect: Effect) -> tuple[Any, ...]:
     return frozenset(effect.messages), effect.indication, effect.rule, arm, stop
 
 
-class _Kinds:
+def _is_exact(outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:
     """Whether equal values also have equal types: Python treats True and 1 as equal."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, Any] = {}
-
-    def agree(self, outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:
-        """Whether an outcome in ``st`` has the types of the expected one, which is equal."""
-        new, out, _, _, arm, stop = outcome
-        if new is st:
-            return not (out or arm or stop) or _kinds(outcome[1:]) == self._of(expected)[1:]
-        return bool(_kinds(outcome) == self._of(expected))
-
-    def _of(self, expected: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The types of an expected outcome, whose parts live as long as the comparison."""
-        return tuple(self._part(part) for part in expected)
-
-    def _part(self, part: Any) -> Any:
-        found = self._known.get(id(part))
-        if found is None:
-            found = self._known[id(part)] = _kinds(part)
-        return found
+    new, out, _, _, arm, stop = outcome
+    return (new is st and not (out or arm or stop)) or _kinds(outcome) == _kinds(expected)
 
 
 def _kinds(value: Any) -> Any:
