@@ -124,6 +124,12 @@ class Check:
     def read(self, events: Iterable[tuple[int, Event]]) -> None:
         """Feed all events, and end."""
         events = iter(events)
+        self.feed_all(events)
+        self.after = _read_to_the_end(self.log, events)
+        self.end()
+
+    def feed_all(self, events: Iterable[tuple[int, Event]]) -> None:
+        """Check these events, as far as they can be read, unless the check is over before."""
         try:
             for at, event in events:
                 self.feed(at, event)
@@ -131,8 +137,6 @@ class Check:
                     break
         except BadInput as error:
             self.stop(unreadable(error))
-        self.after = _read_to_the_end(self.log, events)
-        self.end()
 
     def feed(self, at: int, event: Event) -> None:
         """Check the next event, unless the check is over."""

@@ -73,13 +73,7 @@ class WatchedLog:
         log, check = self._log, self._check
         if log is None or check is None or self.verdict is not None:
             return
-        try:
-            for at, event in log:
-                check.feed(at, event)
-                if check.over:
-                    break
-        except BadInput as error:
-            check.stop(unreadable(error))
+        check.feed_all(log)
         if check.over or log.ended or log.gap is not None:
             self._end(check)
 

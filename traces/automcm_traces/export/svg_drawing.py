@@ -34,6 +34,10 @@ KEY = {
     "unobserved": "one end in no log",
 }
 """By fate, the words of the legend."""
+ENDS = {"delivered": "l-6 -4m6 4l-6 4", "lost": "m-4 -4l8 8m0 -8l-8 8", "rejected": "m0 -5v10"}
+"""By fate, the end of a sample line in the legend."""
+SAMPLE = 38
+"""The distance in pixels from the start of a sample to its words."""
 DASHED = ("unobserved", "in_flight", "sender_unobserved", "forged")
 STYLE = (
     "text{font:11px sans-serif;fill:#1f2933}.name{font-weight:bold;font-size:13px}"
@@ -97,8 +101,8 @@ def drawing(
     lines += [_break(y, ms, width) for y, ms in breaks]
     lines += [_arrow(merged, fold, places) for fold in folds]
     lines += _labels(merged, places, phases, [0] * len(starts) if absolute else starts)
-    words = [word for fate, word in KEY.items() if any(fold.first.fate == fate for fold in folds)]
-    lines += _legend(words, any(fold.mark for fold in folds), height - ROW)
+    fates = [fate for fate in KEY if any(fold.first.fate == fate for fold in folds)]
+    lines += _legend(fates, any(fold.mark for fold in folds), height - ROW)
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
@@ -109,23 +113,26 @@ def _break(y: float, ms: int, width: int) -> str:
     return f'{wave} stroke="{OTHER}" fill="none"/>{time}'
 
 
-def _legend(words: list[str], copies: bool, y: int) -> Iterator[str]:
+def _legend(fates: list[str], copies: bool, y: int) -> Iterator[str]:
     """What the lines of this drawing mean, in one row."""
     x = 20
-    fates = {word: fate for fate, word in KEY.items()}
-    ends = {"received": "l-6 -4m6 4l-6 4", "lost": "m-4 -4l8 8m0 -8l-8 8", "rejected": "m0 -5v10"}
-    for word in [*words, "acts as agreed", *(["\u00d72: two copies"] if copies else [])]:
-        if fate := fates.get(word):
-            dash = ' stroke-dasharray="3 3"' if fate in DASHED else ""
-            sample = (
-                f'd="M{x} {y}h28{ends.get(word, "")}" stroke="{COLOURS.get(fate, OTHER)}"{dash}'
-            )
-            yield f'<path {sample} fill="none"/>'
-        elif word.startswith("acts"):
-            yield f'<rect x="{x}" y="{y - 2}" width="28" height="5" fill="#5b3fa0"/>'
-        x += 38 if word[0] != "\u00d7" else 0
-        yield f'<text x="{x}" y="{y + 4}">{word}</text>'
-        x += 7 * len(word) + 14
+
+    def text(word: str) -> str:
+        nonlocal x
+        at, x = x, x + 7 * len(word) + 14
+        return f'<text x="{at}" y="{y + 4}">{word}</text>'
+
+    for fate in fates:
+        colour = COLOURS.get(fate, OTHER)
+        dash = ' stroke-dasharray="3 3"' if fate in DASHED else ""
+        yield f'<path d="M{x} {y}h28{ENDS.get(fate, "")}" stroke="{colour}"{dash} fill="none"/>'
+        x += SAMPLE
+        yield text(KEY[fate])
+    yield f'<rect x="{x}" y="{y - 2}" width="28" height="5" fill="#5b3fa0"/>'
+    x += SAMPLE
+    yield text("acts as agreed")
+    if copies:
+        yield text("\u00d72: two copies")
 
 
 def _folded(

@@ -107,10 +107,12 @@ class Fates:
     def rejecters(self, i: int, event: Send) -> list[int]:
         """The addressees that rejected the last message of a log and received no copy of it."""
         n, stations = self._sent[i] - 1, self._matches.stations
-        places = self._matches.places
-        logs = [(to, self._log(to)) for to in addressees(stations[i], event.message, stations)
-                if to in places]  # fmt: skip
-        return [to for to, log in logs if n in log.refused[i] and n not in log.arrived[i]]
+        found = []
+        for to in addressees(stations[i], event.message, stations):
+            log = self._log(to) if to in self._matches.places else None
+            if log is not None and n in log.refused[i] and n not in log.arrived[i]:
+                found.append(to)
+        return found
 
     def _log(self, station: int) -> Ledger:
         return self._matches.ledgers[self._matches.places[station]]

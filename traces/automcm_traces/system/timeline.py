@@ -155,10 +155,8 @@ class Recorder(Watcher):
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
             sender = event.message.get("src")
-            src, about = (
-                sender if isinstance(sender, int) else 0,
-                session_in(event.message.get("session")),
-            )
+            src = sender if isinstance(sender, int) else 0
+            about = session_in(event.message.get("session"))
         cause = kind(step.input)
         acked = [(e.to, key_of(to_dict(e.message))) for e in gone] if cause == "receive Ack" else []
         late = forgot = 0

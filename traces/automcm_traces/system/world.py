@@ -60,11 +60,8 @@ class World:
             found = self._acceptances[station] = {}
             for at, (_, e) in enumerate(self.log(station).events):
                 m: Fields = e.message if isinstance(e, Send) else {}
-                session, dst, proposal = (
-                    session_in(m.get("session")),
-                    m.get("dst"),
-                    m.get("proposal"),
-                )
+                session = session_in(m.get("session"))
+                dst, proposal = m.get("dst"), m.get("proposal")
                 accepts = m.get("type") == "Acceptance" and m.get("accepted")
                 if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
                     found.setdefault((dst, session, proposal), at)
@@ -76,11 +73,8 @@ class World:
             found = self._leases[station] = {}
             for _, e in self.log(station).events:
                 m: Fields = (isinstance(e, Send | Receive) and e.message) or {}
-                session, proposal, lease = (
-                    session_in(m.get("session")),
-                    m.get("proposal"),
-                    m.get("lease_ms"),
-                )
+                session = session_in(m.get("session"))
+                proposal, lease = m.get("proposal"), m.get("lease_ms")
                 prescribes = m.get("type") == "Prescription"
                 if prescribes and session and isinstance(proposal, int) and isinstance(lease, int):
                     found.setdefault((session, proposal), lease)
