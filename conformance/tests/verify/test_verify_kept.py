@@ -16,6 +16,7 @@ from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
+from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
 from automcm_spec.model_checking.models import Model, ModelVerdict
@@ -110,6 +111,28 @@ def test_a_stage_is_kept_until_a_file_that_it_depends_on_changes(tmp_path: Path)
     kept = tmp_path / "kept" / "x.stage"
     kept.write_bytes(kept.read_bytes()[:-1])
     assert not result()[1] and result()[1]
+
+
+@pytest.mark.parametrize(
+    ("present", "fresh", "made"),
+    [(True, False, False), (True, True, True), (False, False, True)],
+)
+def test_the_committed_graph_counts_while_the_specification_is_its_own(
+    present: bool, fresh: bool, made: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph, builds = oracle_generation.ONE_PEER, []
+    committed = json.loads(oracle.content(graph.path))
+
+    def build(graph: oracle_generation.Graph, **_: Any) -> tuple[Any, None]:
+        builds.append(graph)
+        return committed, None
+
+    monkeypatch.setattr(oracle_generation, "build", build)
+    if not present:
+        monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
+    report = verify_.VerifyReport("quick", fresh=fresh)
+    verify_._oracle(report, graph, lambda text: None)
+    assert builds == [graph] * made and report.kept_stages == ["oracle one-peer"] * (not made)
 
 
 def test_what_a_stage_depends_on_is_there() -> None:
