@@ -18,7 +18,7 @@ from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_pairs, verdicts
 from automcm_conformance.suite.tally import PairPart
 from automcm_spec.graph.oracle import Oracle, content
-from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 
 Json = Any
 LIMIT = 60.0
@@ -100,10 +100,10 @@ class Suite:
         one = graph(ONE_PEER.path)
         cut = {
             ONE_PEER.path: first_of(ONE_PEER.path, states),
-            TWO_PEERS.path: graph(TIGHT.path),
             TIGHT.path: graph(TIGHT.path),
         }
         self.patch.setattr(suite_run, "load", lambda path, spec: cut[path])
+        self.patch.setattr(suite_run, "two_peers", lambda spec: graph(TIGHT.path))
         self.patch.setattr(
             suite_run,
             "PairPart",

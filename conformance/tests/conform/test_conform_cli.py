@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import REFERENCE, automcm, automcm_process
+from broken_stations import REFERENCE
+from cli_stage import automcm
 from junitparser import JUnitXml
 
 from automcm.adapters.adapter_lines import HELLO
@@ -115,8 +117,8 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
 
 def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
     options = ["--json", "-", "--out", tmp_path / "r"]
-    done = automcm_process("conform", "run", CASE, *options, "--", *CARELESS)
-    assert done.returncode == 1 and done.stderr == ""
+    done = automcm("conform", "run", CASE, *options, "--", *CARELESS)
+    assert done.exit_code == 1 and done.stderr == ""
     assert json.loads(done.stdout) == json.loads((tmp_path / "r" / "report.json").read_text())
 
 
@@ -127,26 +129,23 @@ def test_json_that_cannot_be_written_is_3_and_the_report_is_there(tmp_path: Path
 
 
 def test_only_what_failed_last_time_runs_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, good: Done, bad: Done, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    runs = Path("runs")
     failed = ("conform", "run", "--failed", "--", *CARELESS)
     assert "there is no report of this command" in automcm(*failed).output
-    automcm("conform", "run", CASE, OTHER, "--", *CARELESS)
-    automcm("conform", "run", OTHER, "--out", "runs/x", "--", *REFERENCE)
-    assert automcm(*failed).exit_code == 1
-    newest = max(Path("runs").glob("*/report.json"), key=lambda path: path.stat().st_mtime)
-    assert [case["id"] for case in json.loads(newest.read_text())["cases"]] == [CASE]
+    for name, done in (("bad", bad), ("good", good)):
+        (runs / name).mkdir(parents=True)
+        shutil.copy(done.folder / "report.json", runs / name)
+    answer = automcm(*failed)
+    assert answer.exit_code == 1
+    (folder,) = {*runs.iterdir()} - {runs / "bad", runs / "good"}
+    assert folder.name in answer.output and (folder / "report.html").exists()
+    found = json.loads((folder / "report.json").read_text())
+    assert [case["id"] for case in found["cases"]] == [CASE]
     again = automcm("conform", "run", OTHER, "--failed", "--", *CARELESS)
     assert again.exit_code == 0 and "no case failed last time" in again.output
-
-
-def test_a_folder_of_its_own_in_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    answer = automcm("conform", "run", CASE, "--", *REFERENCE)
-    assert answer.exit_code == 0
-    (folder,) = (tmp_path / "runs").iterdir()
-    assert (folder / "report.html").exists() and folder.name in answer.output
 
 
 def test_the_folder_cannot_be_used(tmp_path: Path) -> None:

@@ -101,14 +101,6 @@ def test_the_rest_of_a_part_is_skipped_after_some_hangs_at_one_command(conform: 
     assert not any("cut short" in problem for problem in found.problems)
 
 
-def test_what_a_run_that_was_cut_short_left_out_is_open(conform: Suite) -> None:
-    conform.patch.setattr(graph_cases, "PATIENCE", 1)
-    code = "def answer(c):\n    if received(c, 'Prescription'): os._exit(3)\n    return right(c)"
-    found = conform(station(code), "AMCM/RCV", "AMCM/PRE/ADV", "AMCM/STA/ADV", states=60)
-    assert "cut short" in found.problems[0] and of(found, LATER).verdict == "INCONC"
-    assert not any("forbidden" in case.reason for case in found.cases)
-
-
 @pytest.mark.slow
 def test_some_crashes_do_not_end_the_run(conform: Suite) -> None:
     """A few faults, however often each is tried again until the shortest exchange is found."""
@@ -198,13 +190,12 @@ def test_another_seed_reaches_the_station(conform: Suite) -> None:
 
 def test_expected_deviations(conform: Suite) -> None:
     known: verdicts.Expectations = {BUSY: ("FAIL", "ticket 12"), ACCEPTS: ("FAIL", "ticket 13")}
-    found = conform(station(IGNORES), BUSY, LATER, states=60, expected=known)
-    case = of(found, BUSY)
-    assert case.verdict == "FAIL" and case.expected and case.because == "ticket 12"
-    assert found.exit_code == 0 and found.unexpected == []
     found = conform(station(IGNORES), BUSY, ACCEPTS, LATER, states=60, expected=known)
-    assert found.unexpected == [of(found, ACCEPTS)] and found.exit_code == 1
-    assert of(found, ACCEPTS).verdict == "PASS"
+    case, passed = of(found, BUSY), of(found, ACCEPTS)
+    assert case.verdict == "FAIL" and case.expected and case.because == "ticket 12"
+    assert passed.verdict == "PASS" and found.unexpected == [passed] and found.exit_code == 1
+    found.cases.remove(passed)
+    assert found.exit_code == 0 and found.unexpected == []
 
 
 @pytest.mark.parametrize(
@@ -245,13 +236,11 @@ def test_a_good_file_of_expectations(tmp_path: Path) -> None:
 
 def test_a_quick_run_says_what_it_omits(conform: Suite) -> None:
     names = (BUSY, "AMCM/PRE/CMD/BI-01", "AMCM/SYS/REL/BV-01")
-    whole = conform(station(), BUSY, "AMCM/PRE/CMD/BI-01", states=60, folder="whole")
-    quick = conform(station(), *names, states=60, quick=True)
-    for one, other in zip(whole.cases, quick.cases, strict=False):
-        assert other.verdict == "PASS" and 0 < other.reached < one.reached
-        assert f"{one.reached - other.reached:,} need the whole suite" in other.reason
-    assert of(quick, "AMCM/SYS/REL/BV-01").verdict == "SKIP" and quick.exit_code == 0
-    assert conform(station(IGNORES), BUSY, states=60, quick=True, folder="wrong").exit_code == 1
+    found = conform(station(IGNORES), *names, states=60, quick=True)
+    assert [case.verdict for case in found.cases] == ["PASS", "FAIL", "SKIP"]
+    case = found.cases[0]
+    assert 0 < case.reached < case.total and found.exit_code == 1
+    assert f"{case.total - case.reached:,} need the whole suite" in case.reason
 
 
 def test_a_run_stops_after_so_many_failed_cases(conform: Suite) -> None:
