@@ -25,6 +25,7 @@ class Running(Generic[T]):
     deadline: int
     rank: int
     age: int
+    message: Hashable = None
 
 
 class ArmedTimers(Generic[T]):
@@ -32,7 +33,6 @@ class ArmedTimers(Generic[T]):
 
     def __init__(self) -> None:
         self.running: dict[T, Running[T]] = {}
-        self._ages: dict[Hashable, int] = {}
         self.inputs = 0
         """How many inputs have armed timers."""
         self._first: Running[T] | None = None
@@ -42,11 +42,17 @@ class ArmedTimers(Generic[T]):
         """Arm a timer, or arm it again. ``message``: the message it belongs to, of type
         ``type``."""
         name = getattr(timer, "name", None) or timer[0]  # type: ignore[index]
-        age = 0 if message is None else self._ages.setdefault(message, self.inputs)
+        age = 0 if message is None else self._age(message)
         self.running.pop(timer, None)
         place = rank(name, type_ == "Advertisement")
-        self.running[timer] = Running(timer, deadline, place, age)
+        self.running[timer] = Running(timer, deadline, place, age, message)
         self._looked = False
+
+    def _age(self, message: Hashable) -> int:
+        """The age of a message that has an armed timer, or else of a new one: when nothing of a
+        session is remembered any more, an equal message may follow."""
+        armed = (each.age for each in self.running.values() if each.message == message)
+        return next(armed, self.inputs)
 
     def stop(self, timer: T) -> None:
         """Remove a timer that is stopped or has expired."""

@@ -25,6 +25,10 @@ def test_an_older_message_is_sent_again_first() -> None:
         clock.inputs += 1
         clock.arm(timer, 100, timer, "Cancel")
     assert clock.due(99) is None and clock.due(100) == one
+    clock.stop(one)
+    clock.inputs += 1
+    clock.arm(one, 100, one, "Cancel")  # a new message, equal to one that is over
+    assert clock.due(100) == two
 
 
 def test_what_only_the_station_knows_is_not_sure() -> None:
