@@ -45,9 +45,7 @@ def broken(fault: faults.Fault, command: Sequence[str], arguments: Sequence[str]
         os.execv(command[0], command)
 
 
-def forked(
-    command: Sequence[str], *, group: bool = False, **options: Any
-) -> subprocess.Popen[Any]:
+def forked(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
     """``children.popen``, or a fork where that is possible."""
     station = program(command)
     if station is None:
@@ -61,7 +59,7 @@ def run(station: Callable[[], object]) -> NoReturn:
     status = 1
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
-        sys.stdin, sys.stdout, sys.stderr = open(0), open(1, "w"), open(2, "w")
+        sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, (0, 1, 2), "rww")
         station()
         status = 0
     except SystemExit as end:
