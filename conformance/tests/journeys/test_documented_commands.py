@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from cli_stage import automcm
 from first_hour import python_station
-from page_texts import TEXTS
+from page_texts import PAGES, text
 from typer.main import get_command
 
 from automcm_cli.main import app
@@ -52,21 +52,19 @@ RUN = [
 """The commands of the pages that are run here; they end with 0."""
 
 
-def commands() -> list[str]:
-    """Every command of the pages."""
+def commands(page: Path) -> list[str]:
+    """Every command of a page."""
     found = set()
-    for page in TEXTS.values():
-        fenced = False
-        for line in page.splitlines():
-            if line.lstrip().startswith("```"):
-                fenced = not fenced
-            elif (fenced or line.startswith("    ")) and (match := LINE.fullmatch(line)):
-                command = re.sub(r"\s+#.*", "", match[1]).strip().removesuffix("\\").strip()
-                found.add(command.replace(".venv/bin/automcm", "automcm"))
+    fenced = False
+    for line in text(page).splitlines():
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        elif (fenced or line.startswith("    ")) and (match := LINE.fullmatch(line)):
+            command = re.sub(r"\s+#.*", "", match[1]).strip().removesuffix("\\").strip()
+            found.add(command.replace(".venv/bin/automcm", "automcm"))
     return sorted(found)
 
 
-COMMANDS = commands()
 PROGRAM = get_command(app)
 
 
@@ -79,21 +77,24 @@ def group_of(words: list[str]) -> tuple[Any, list[str]]:
     return command, words
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("automcm ")])
-def test_its_options_exist_and_take_what_they_are_given(command: str) -> None:
-    words = shlex.split(command.replace("$(date +%Y%m%d)", "20260101"))[1:]
-    found, arguments = group_of(words)
-    if "[" in command:  # it says what may be typed
-        known = {option for each in found.params for option in each.opts}
-        named = set(re.findall(r"--[a-z-]+", command.split(" -- ")[0]))
-        assert named and named <= known
-    else:
-        found.make_context("automcm", arguments)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_options_of_its_commands_exist_and_take_what_they_are_given(page: Path) -> None:
+    for command in commands(page):
+        if command.startswith("make "):
+            continue
+        words = shlex.split(command.replace("$(date +%Y%m%d)", "20260101"))[1:]
+        found, arguments = group_of(words)
+        if "[" in command:  # it says what may be typed
+            known = {option for each in found.params for option in each.opts}
+            named = set(re.findall(r"--[a-z-]+", command.split(" -- ")[0]))
+            assert named and named <= known, command
+        else:
+            found.make_context("automcm", arguments)
 
 
 def test_make_has_the_targets() -> None:
     rules = (ROOT / "Makefile").read_text()
-    targets = {c.split()[-1] for c in COMMANDS if c.startswith("make ")}
+    targets = {c.split()[-1] for page in PAGES for c in commands(page) if c.startswith("make ")}
     assert targets >= {"test", "verify"}
     assert {t for t in targets if not re.search(rf"^{re.escape(t)}:", rules, re.M)} == set()
 
@@ -114,7 +115,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize("command", RUN)
 def test_it_runs(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert f"automcm {command}" in COMMANDS, "no page has it any more"
+    assert any(f"automcm {command}" in commands(page) for page in PAGES), "no page has it any more"
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=":")
     answer = automcm(*shlex.split(command))

@@ -6,6 +6,7 @@ import copy
 import json
 import lzma
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +28,25 @@ SMALL: list[tuple[str, Json]] = [
     ("safety", {"part": "faults", "fault": "target aborts", "loss": 0.0}),
     ("traffic", {"part": "all ask", "stations": 2, "spread_ms": 0}),
 ]
-RESULTS = {name: report.load(FOLDER / name / report.RESULTS) for name in NAMES}
+
+
+@cache
+def results(name: str) -> Json:
+    """The committed report of an experiment."""
+    return report.load(FOLDER / name / report.RESULTS)
 
 
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize(("name", "values"), SMALL, ids=lambda v: v if isinstance(v, str) else "")
 def test_a_small_cell_gives_what_is_committed(name: str, values: Json) -> None:
-    found = RESULTS[name]
+    found = results(name)
     cell = next(c for c in found["cells"] if values.items() <= c["values"].items())
     assert sweep.run_cell(name, cell["values"], found["seed"]) == cell["result"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_committed_results_are_of_the_standard_profile_in_full(name: str) -> None:
-    found, made = RESULTS[name], experiment(name)
+    found, made = results(name), experiment(name)
     settings = made.set("standard", {})
     assert found["profile"] == "standard" and found["settings"] == settings.model_dump(mode="json")
     assert [cell["values"] for cell in found["cells"]] == made.cells(settings)
@@ -52,7 +58,7 @@ def test_the_summary_and_the_claims_in_the_file_are_of_its_cells(name: str) -> N
     plain = FOLDER / name / report.RESULTS
     packed = plain.with_name(plain.name + report.COMPRESSED)
     data = plain.read_bytes() if plain.exists() else lzma.decompress(packed.read_bytes())
-    assert json.loads(data) == RESULTS[name]
+    assert json.loads(data) == results(name)
 
 
 def test_short_runs_in_which_nobody_comes_near_have_a_page(tmp_path: Path) -> None:
@@ -60,7 +66,7 @@ def test_short_runs_in_which_nobody_comes_near_have_a_page(tmp_path: Path) -> No
         (tmp_path / name).mkdir()
         if name != "traffic":
             (tmp_path / name / report.RESULTS).symlink_to(FOLDER / name / report.RESULTS)
-    made = copy.deepcopy(RESULTS["traffic"])
+    made = copy.deepcopy(results("traffic"))
     road = [c for c in made["cells"] if c["values"]["part"] == "road"]
     for cell in road:
         cell["result"] |= {"least_ttc_s": None, "vehicle_s": 1.0}
@@ -88,5 +94,5 @@ def test_the_summary_has_a_picture_and_a_link_to_the_details_of_each_experiment(
     for name in NAMES:
         assert f"](evaluation/{name}/{report.PAGE})" in text
         assert re.search(rf"!\[[^\]]+\]\(evaluation/{name}/\S+\.svg\)", text), name
-    for claim in (claim for found in RESULTS.values() for claim in found["claims"]):
+    for claim in (claim for name in NAMES for claim in results(name)["claims"]):
         assert (claim["claim"] in text) == (claim["verdict"] != "beyond the paper"), claim["claim"]

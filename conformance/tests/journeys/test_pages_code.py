@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from cli_stage import automcm
-from page_texts import PLACES, TEXTS
+from page_texts import PAGES, PLACES, text
 
 from automcm import kernels
 from automcm.kernels.thin import prescription_bytes
@@ -26,10 +26,10 @@ def blocks(page: str) -> list[tuple[str, str]]:
     return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
     """Where ``make pages`` has to come first, to the counterexample that the page is made of."""
-    prose = re.sub(r"^```.*?^```$", "", TEXTS[page], flags=re.MULTILINE | re.DOTALL)
+    prose = re.sub(r"^```.*?^```$", "", text(page), flags=re.MULTILINE | re.DOTALL)
     for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", prose):
         if target.startswith("counterexamples/"):
             name = Path(target).stem
@@ -81,7 +81,7 @@ def test_the_readme_shows_the_size_and_the_hash_of_the_graph() -> None:
     graph = oracle.load(oracle_generation.ONE_PEER.path)
     states, transitions = len(graph.states), graph.transitions
     shown = f"Oracle      {states:,} states, {transitions:,} transitions, "
-    (line,) = [x for x in TEXTS[ROOT / "README.md"].splitlines() if x.startswith(shown)]
+    (line,) = [x for x in text(ROOT / "README.md").splitlines() if x.startswith(shown)]
     assert line.endswith(f"spec {oracle_generation.spec_hash()[:12]}")
 
 

@@ -31,7 +31,7 @@ def assemble(made: Experiment, about: Values, cells: Sequence[Cell]) -> Values:
     """The report: ``about`` without the hash of the code, which is for cells that are not yet
     reported, then the cells, their summary and the claims."""
     report = {name: value for name, value in about.items() if name != "code"} | {
-        "cells": [asdict(cell) for cell in cells],
+        "cells": [{"values": cell.values, "result": cell.result} for cell in cells],
         "summary": made.summary(cells),
     }
     report["claims"] = [asdict(claim) for claim in made.claims(report)]
