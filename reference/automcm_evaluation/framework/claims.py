@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
+
+from jinja2 import Template
 
 from automcm_spec.support import markdown
 
@@ -26,6 +30,14 @@ class Claim:
     why: str
 
 
+@cache
+def _compilers(folder: Path) -> tuple[Callable[[str], Any], Callable[[str], Template]]:
+    """What makes an expression and a template; each is compiled once."""
+    jinja = markdown.templates(folder).overlay(trim_blocks=False, lstrip_blocks=False)
+    expression = partial(jinja.compile_expression, undefined_to_none=False)
+    return cache(expression), cache(jinja.from_string)
+
+
 def read(path: Path, names: dict[str, Any]) -> list[Claim]:
     """The claims of a file, with these names.
 
@@ -35,14 +47,14 @@ def read(path: Path, names: dict[str, Any]) -> list[Claim]:
     a claim for each ``it`` of this list.
     """
     file = tomllib.loads(path.read_text(encoding="utf-8"))
-    jinja = markdown.templates(path.parent).overlay(trim_blocks=False, lstrip_blocks=False)
+    compiled, template_of = _compilers(path.parent)
     names = dict(names)
 
     def value(expression: str) -> Any:
-        return jinja.compile_expression(expression, undefined_to_none=False)(names)
+        return compiled(expression)(names)
 
     def text(template: str) -> str:
-        return " ".join(jinja.from_string(template).render(names).split())
+        return " ".join(template_of(template).render(names).split())
 
     def verdict(claim: dict[str, str]) -> Verdict:
         if "holds" in claim:
