@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, killed, records, rewritten, without_tx
+from merged_runs import Run, killed, plain, records, rewritten, without_tx
 
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Send
@@ -31,12 +31,12 @@ def outcomes(found: Deliveries) -> Counter[str]:
     return Counter(d.outcome for d in found.all)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_lost_is_what_the_radio_lost(tmp_path: Path, seed: int) -> None:
     """Losses end early enough that every one is certain, but for what was sent before the first
     event of a log."""
     chance = random.Random(seed)
-    run = Run(tmp_path, seed=seed, drop=lambda s, d, m, now: now < 6000 and chance.random() < 0.3)
+    run = Run(tmp_path, seed=seed, drop=lambda s, d, m, now: now < 3000 and chance.random() < 0.3)
     found = deliveries(run.logs())
     n = outcomes(found)
     assert n["lost"] + n["unobserved"] == run.lost > 50 and n["unobserved"] <= 2
@@ -54,33 +54,33 @@ def test_what_is_doubled_is_duplicated(tmp_path: Path) -> None:
 
 def test_without_ids_the_numbers_are_the_same(tmp_path: Path) -> None:
     chance = random.Random(1)
-    run = Run(tmp_path, drop=lambda s, d, m, now: now < 6000 and chance.random() < 0.3)
+    run = Run(tmp_path, drop=lambda s, d, m, now: now < 3000 and chance.random() < 0.3)
     named = deliveries(run.logs())
     unnamed = deliveries([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
     assert unnamed.counts() == named.counts() and not unnamed.forged
 
 
 def test_a_log_that_stops_leaves_messages_in_flight(tmp_path: Path) -> None:
-    one, _, three = Run(tmp_path).logs()
+    one, _, three = plain(tmp_path)
     found = deliveries([one, killed(tmp_path / "2.ndjson", 3000), three])
     late = found.between(1, 2, first=0)
-    assert late["lost"] == 0 and late["in_flight"] > 80
+    assert late["lost"] == 0 and late["in_flight"] > 50
     arrows = arrows_of([one, killed(tmp_path / "2.ndjson", 3000), three])
     from_dead = [a for a in arrows if a.source == 2 and a.fate == "sender_unobserved"]
-    assert len(from_dead) > 80 and not found.forged  # sent after its log stops
+    assert len(from_dead) > 50 and not found.forged  # sent after its log stops
 
 
 def test_what_was_sent_before_a_log_begins_is_not_observed(tmp_path: Path) -> None:
-    one, _, three = Run(tmp_path).logs()
-    lines = [r for r in records(tmp_path / "2.ndjson") if r.get("t_ms", 0) >= 9000]
+    one, _, three = plain(tmp_path)
+    lines = [r for r in records(tmp_path / "2.ndjson") if r.get("t_ms", 0) >= 6000]
     header = records(tmp_path / "2.ndjson")[0]
     late = rewritten(tmp_path / "2.ndjson", [header, *lines])  # without its end
     n = deliveries([one, late, three]).between(1, 2)
-    assert n["lost"] == 0 and n["unobserved"] > 80 and n["delivered"] > 20
+    assert n["lost"] == 0 and n["unobserved"] > 50 and n["delivered"] > 15
 
 
 def test_an_addressee_without_a_log_is_not_observed(tmp_path: Path) -> None:
-    one, _, three = Run(tmp_path).logs()
+    one, _, three = plain(tmp_path)
     found = deliveries([one, three])
     n = found.between(1, 2)
     assert n["unobserved"] == sum(n.values()) > 2
@@ -110,7 +110,7 @@ def edit(path: Path, number: int, **change: Any) -> Log:
 
 
 def test_a_message_that_its_sender_did_not_send_is_forged(tmp_path: Path) -> None:
-    one, _, three = Run(tmp_path).logs()
+    one, _, three = plain(tmp_path)
     lines = records(tmp_path / "2.ndjson")
     record = next(r for r in lines if r.get("ev") == "receive")
     content = record["message"] | {"x_mm": 123}
@@ -125,7 +125,7 @@ def test_a_message_that_its_sender_did_not_send_is_forged(tmp_path: Path) -> Non
 
 
 def test_a_sender_that_does_not_promise_its_sendings_forges_nothing(tmp_path: Path) -> None:
-    _, two, three = Run(tmp_path).logs()
+    _, two, three = plain(tmp_path)
     lines = records(tmp_path / "1.ndjson")
     lines[0]["complete"] = ["receive"]
     one = rewritten(tmp_path / "1.ndjson", [r for r in lines if r.get("ev") != "send"])
@@ -136,7 +136,7 @@ def test_a_sender_that_does_not_promise_its_sendings_forges_nothing(tmp_path: Pa
 
 
 def test_forged_receptions_of_a_log_that_stops_go_as_far_as_it_does(tmp_path: Path) -> None:
-    one, two, three = Run(tmp_path).logs()
+    one, two, three = plain(tmp_path)
     dead = killed(tmp_path / "2.ndjson", 3000)
     assert not forged_receptions(merge([one, dead, three]))
     lines = records(tmp_path / "2.ndjson")
@@ -171,7 +171,7 @@ def test_one_log_shows_its_messages_to_anyone_and_the_copies_that_it_received(
 
 
 def test_a_message_to_its_own_sender_is_no_arrow(tmp_path: Path) -> None:
-    Run(tmp_path).logs()
+    plain(tmp_path)
     lines = records(tmp_path / "1.ndjson")
     before = len(arrows_of([read(tmp_path / "1.ndjson")]))
     next(r for r in lines if r.get("message", {}).get("dst") == 2)["message"]["dst"] = 1
