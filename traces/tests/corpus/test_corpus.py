@@ -41,11 +41,13 @@ def test_what_is_wrong_is_named_at_its_line(entry: CorpusEntry) -> None:
     beside = [CORPUS / entry.beside] if entry.beside else []
     verdict = verdicts_of([*beside, CORPUS / entry.file])[-1]
     assert (verdict.verdict, verdict.finding.at.line) == (entry.verdict, entry.line), verdict
-    assert verdict.finding.rule == entry.rule or entry.verdict != "diverges", verdict
+    if entry.verdict == "diverges":  # because of the station, not of its log
+        assert (verdict.finding.rule, verdict.hint) == (entry.rule, ""), verdict
 
 
-@pytest.mark.sweep(2)
-@pytest.mark.parametrize("kind", ["behaviours", "four-vehicles", "pair"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("behaviours", marks=pytest.mark.slow), "four-vehicles", "pair"]
+)
 def test_good_logs_are_allowed(kind: str) -> None:
     entries = of(kind)
     assert entries and all(entry.verdict == "allowed" for entry in entries)

@@ -80,7 +80,7 @@ def test_what_is_wrong_only_beside_another_log_keeps_one(tmp_path: Path) -> None
     log.at(log.find("receive"))["tx"] = "2002:99999"
     path = tmp_path / "2002.ndjson"
     path.write_bytes(log.text())
-    found = shrink([path, CORPUS / "pair/1001.ndjson"], tries=200)
+    found = shrink([path, CORPUS / "pair/1001.ndjson"], tries=60)
     assert found.finding.kind == "forged" and len(found.logs) == 2
     (small := tmp_path / "small").mkdir()
     after = verdicts_of(written(found, small))
@@ -97,7 +97,7 @@ def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path
     """S-4: each log is allowed, both act, and not on the same proposal."""
     paths = sorted((CORPUS / "counterexamples/memory_dropped").iterdir())
     assert {v.verdict for v in verdicts_of(paths)} == {"allowed"}
-    found = shrink(paths)
+    found = shrink(paths, tries=60)
     assert found.finding.property == "S-4"
     assert len(found.logs) == 2
     assert sum(len(log.items) for log in found.logs) < sum(found.before.values())

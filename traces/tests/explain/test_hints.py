@@ -10,13 +10,10 @@ from typing import Any
 import pytest
 from merged_runs import records, rewritten, simulated
 
-from automcm_maintenance.corpus.corpus import index
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
+from automcm_traces.explain.explain import Verdict, text, verdict_of
 
 Json = Any
-CORPUS = Path(__file__).resolve().parents[2] / "corpus"
-ENTRIES = index(CORPUS)
 
 
 def judged(folder: Path, lines: list[Json]) -> Verdict:
@@ -38,16 +35,6 @@ def only(lines: list[Json], *kinds: str) -> list[Json]:
 
 def is_message(record: Json, ev: str, type_: str) -> bool:
     return bool(record.get("ev") == ev and record.get("message", {}).get("type") == type_)
-
-
-def test_no_station_of_the_corpus_is_excused() -> None:
-    """Each of these logs diverges because of the station."""
-    entries = [e for e in ENTRIES if e.verdict == "diverges"]
-    assert len(entries) > 30
-    for entry in entries:
-        beside = [CORPUS / entry.beside] if entry.beside else []
-        verdict = verdicts_of([*beside, CORPUS / entry.file])[-1]
-        assert verdict.verdict == "diverges" and verdict.hint == "", text(verdict)
 
 
 def test_an_advertisement_without_planned(run: list[Path], tmp_path: Path) -> None:
@@ -114,7 +101,7 @@ def test_a_clock_that_jumps(by: int, run: list[Path], tmp_path: Path) -> None:
     told = missed = 0
     for path in run:
         lines = records(path)
-        for at in random.Random(by).sample(inputs(lines)[10:-10], 30):
+        for at in random.Random(by).sample(inputs(lines)[10:-10], 12):
             verdict = judged(tmp_path, jumped(lines, at, by))
             if verdict.verdict == "diverges":
                 found = verdict.hint.partition("jump by ")[2].partition(" ms")[0].replace(",", "")

@@ -224,7 +224,7 @@ def faulty(folder: Path) -> None:
         channel=Channel(duplicate=0.5),
         drop=lambda s, d, m, now: chance.random() < 0.3,
     )
-    run.logs()
+    run.logs(until=5_000)
     killed(folder / "2.ndjson", 3000)
     one, two, three = (records(folder / f"{n}.ndjson") for n in (1, 2, 3))
     got = [line for line in two if line.get("ev") == "receive"]
@@ -241,7 +241,7 @@ def faulty(folder: Path) -> None:
 
 def unnamed(folder: Path) -> None:
     """No transmission is named, and the third log is not there."""
-    Run(folder, channel=Channel(duplicate=0.5)).logs()
+    Run(folder, channel=Channel(duplicate=0.5)).logs(until=5_000)
     (folder / "3.ndjson").unlink()
     for n in (1, 2):
         without_tx(folder / f"{n}.ndjson")

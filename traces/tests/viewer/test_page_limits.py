@@ -169,7 +169,7 @@ def test_of_a_log_that_is_too_long_the_divergence_is_shown(
 
 
 def test_a_session_or_a_time_chooses_the_part(tmp_path: Path) -> None:
-    logs = simulated(tmp_path, 1001, 2002, until=20_000, asks=(500, 9000), target=2002)
+    logs = simulated(tmp_path, 1001, 2002, until=13_000, asks=(500, 7000), target=2002)
     whole = load(logs)
     naming = [n for n, e in whole.logs[0].events if session_of(e) == (1001, 2)]
     page = load(logs[::-1], part=PagePart(session=(1001, 2)))
