@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from click.testing import Result
+from forked_station import automcm_popen
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -33,8 +34,10 @@ def automcm(*words: object, **more: Any) -> Result:
 
 def automcm_process(*words: object) -> subprocess.CompletedProcess[str]:
     """The same as a process."""
-    command = [*AUTOMCM, *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with automcm_popen(*words, **pipes) as process:
+        out, err = process.communicate(timeout=LIMIT_S)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def own_address() -> str:

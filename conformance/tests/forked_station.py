@@ -1,8 +1,9 @@
-"""Stations of the tests as forks of this process, which has imported all that they import: to start
-Python and import it again takes longer than what most tests do with a station."""
+"""Stations and commands as forks of this process, which has imported all that they import: to start
+Python and import it again takes longer than what most tests do with them."""
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from functools import cache, partial
 from typing import Any, NoReturn
 
 from automcm.adapters import adapter_lines
+from automcm_cli.__main__ import main
 from automcm_maintenance.code_mutation import faults
 from automcm_spec.support import children
 
@@ -54,12 +56,25 @@ def forked(command: Sequence[str], *, group: bool = False, **options: Any) -> su
     return subprocess.Popen(command, preexec_fn=run_it, start_new_session=group, **options)
 
 
+def automcm_popen(*words: object, **options: Any) -> subprocess.Popen[str]:
+    """``automcm`` with these words."""
+    argv = ["automcm", *map(str, words)]
+
+    def command() -> None:
+        sys.argv = argv
+        main()
+
+    return subprocess.Popen(argv, preexec_fn=partial(run, command), text=True, **options)
+
+
 def run(station: Callable[[], object]) -> NoReturn:
     """In the child: run it with its own standard streams and no other file, and end."""
     status = 1
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
-        sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, (0, 1, 2), "rww")
+        streams = (os.fdopen(n, mode, closefd=False) for n, mode in enumerate("rww"))
+        sys.stdin, sys.stdout, sys.stderr = streams
+        gc.freeze()  # no file of the parent is closed, whose number another may have here
         station()
         status = 0
     except SystemExit as end:

@@ -13,7 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from cli_stage import AUTOMCM, LIMIT_S
+from cli_stage import LIMIT_S
+from forked_station import automcm_popen
 
 PRESCRIBER, RECEIVER = 1, 2
 QUICK = ("--set", "t_timeout=400", "--listen", "0", "--first")
@@ -32,9 +33,7 @@ class Running:
                     os.write(writing, b"\n" * 4096)
             os.set_blocking(writing, True)
         ignored = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # if the tests run under nohup
-        self.process = subprocess.Popen(
-            [*AUTOMCM, *args], stdout=writing, stderr=subprocess.PIPE, text=True
-        )
+        self.process = automcm_popen(*args, stdout=writing, stderr=subprocess.PIPE)
         signal.signal(signal.SIGHUP, ignored)
         os.close(writing)
         self.lines = os.fdopen(self.reading)

@@ -261,5 +261,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert "ACT-3" in result.output and "automcm conform replay" in result.output
     report = json.loads((tmp_path / "exploration.json").read_text())
     assert report["format"] == EXPLORED and len(report["cases"]) == 1
-    assert automcm("conform", "explore", "1", *out, "--", "no-such-thing").exit_code == 3
+    none = tmp_path / "none"
+    assert automcm("conform", "explore", "1", "--out", none, "--", "no-such-thing").exit_code == 3
+    assert not none.exists()
     assert automcm("conform", "explore", "1", *out).exit_code == 2

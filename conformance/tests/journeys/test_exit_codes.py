@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import REFERENCE, automcm
+from broken_stations import REFERENCE
+from cli_stage import automcm
 from test_help import COMMANDS
 
 from automcm_cli import exit_codes
@@ -205,7 +206,7 @@ def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
 DIFF = ["trace", "diff", "1001.ndjson", "2002.ndjson"]
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--json", "-"]], ids=["text", "json"])
 @pytest.mark.parametrize("unbuffered", [False, True], ids=["buffered", "unbuffered"])
 def test_a_verdict_that_cannot_be_written_is_none(

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import REFERENCE, automcm
+from broken_stations import REFERENCE
+from cli_stage import automcm
 from rich.text import Text
 from test_help import COMMANDS
 

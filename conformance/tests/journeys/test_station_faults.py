@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import AUTOMCM, LIMIT_S
+from cli_stage import AUTOMCM, LIMIT_S, automcm_process
 from station_stage import PRESCRIBER, RECEIVER, Road, Running, road
 
 from automcm.service.station_process import STOP_MS
@@ -61,7 +61,7 @@ def test_reports_that_nobody_reads_hold_nothing(victim: int, tmp_path: Path) -> 
 
 def test_reports_that_nobody_reads_do_not_put_off_the_end(tmp_path: Path) -> None:
     with road(tmp_path) as on:
-        unread = on.station(RECEIVER, "--for", "300", full=True)
+        unread = on.station(RECEIVER, "--for", "100", full=True)
         assert unread.wait() == 0 and "reports were lost" in unread.errors()
 
 
@@ -193,7 +193,7 @@ def test_a_start_that_fails_leaves_no_log(tmp_path: Path) -> None:
         bridge = ["--bridge", str(taken.getsockname()[1])]
         log = ["--log", str(tmp_path / "log")]
         args = ["station", "--id", "1", "--listen", "0", *bridge, *log]
-        done = subprocess.run([*AUTOMCM, *args], capture_output=True, timeout=LIMIT_S)
+        done = automcm_process(*args)
     assert done.returncode == 3 and list(tmp_path.iterdir()) == []
 
 
@@ -236,7 +236,7 @@ def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_i
 
 def test_what_is_said_of_a_closed_standard_output_goes_nowhere_else(tmp_path: Path) -> None:
     log = tmp_path / "log"
-    args = f"station --id 9 --listen 0 --first --for 300 --log {log}"
+    args = f"station --id 9 --listen 0 --first --for 100 --log {log}"
     command = [*AUTOMCM, *args.split()]
     done = subprocess.run(
         ["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, timeout=LIMIT_S

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 from cli_stage import AUTOMCM, LIMIT_S, automcm, automcm_process
+from forked_station import automcm_popen
 
 from automcm.links.udp_link import bind
 from automcm_simulation.road.demo_processes import Demo, DemoVehicle
@@ -31,7 +32,7 @@ ATTEMPTS = 4
 @contextmanager
 def running(*args: str) -> Iterator[subprocess.Popen[str]]:
     """A process that is stopped by SIGTERM at the end; its end is left to the caller to read."""
-    with subprocess.Popen([*AUTOMCM, *args], stdout=subprocess.PIPE, text=True) as process:
+    with automcm_popen(*args, stdout=subprocess.PIPE) as process:
         try:
             yield process
         finally:
@@ -259,13 +260,13 @@ def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) ->
 
 def test_a_refused_request_says_rule_and_reason_and_a_terminal_shows_words() -> None:
     """After a restart a station is in quarantine (ACT-6, END-8)."""
-    words = ["--id", "7", "--listen", "0", "--request-after", "1", "--for", "300"]
+    words = ["--id", "7", "--listen", "0", "--request-after", "1", "--for", "50"]
     via = ["--via", "127.0.0.1:9"]
     done = automcm_process("station", *words, *via)
     (told,) = (r for r in map(json.loads, done.stdout.splitlines()) if r["event"] == "told")
     assert told["rule"] == "ACT-6" and re.fullmatch(r"quarantine, \d s left", told["reason"])
     terminal, end = pty.openpty()
-    subprocess.run([*AUTOMCM, "station", *words, *via], stdout=end, check=True, timeout=LIMIT_S)
+    assert automcm_popen("station", *words, *via, stdout=end).wait(LIMIT_S) == 0
     shown = os.read(terminal, 10_000).decode()
     assert re.search(r"command was refused by ACT-6: quarantine, \d s left\r\n", shown)
     assert "{" not in shown

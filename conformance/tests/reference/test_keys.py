@@ -32,13 +32,20 @@ def made(*words: object) -> dict[str, Any]:
     return found
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def issued(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An authority, and stations 1 and 2."""
-    made("authority", tmp_path / "authority")
+    folder = tmp_path_factory.mktemp("keys")
+    made("authority", folder / "authority")
     for n in (1, 2):
-        made("issue", tmp_path / "authority", tmp_path / str(n), "--id", n)
-    return tmp_path
+        made("issue", folder / "authority", folder / str(n), "--id", n)
+    return folder
+
+
+@pytest.fixture
+def folder(issued: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(issued, tmp_path, dirs_exist_ok=True))
 
 
 def revoke(folder: Path, *of: object) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import AUTOMCM, LIMIT_S, automcm, broadcast, own_address
+from cli_stage import LIMIT_S, automcm, automcm_process, broadcast, own_address
+from forked_station import automcm_popen
 
 CORPUS = Path(__file__).parents[3] / "traces/corpus"
 PAIR = [CORPUS / f"pair/{station}.ndjson" for station in (1001, 2002)]
@@ -40,8 +41,7 @@ def test_as_json_each_report_is_one_line(tmp_path: Path) -> None:
 @contextmanager
 def watching(*words: object) -> Iterator[tuple[subprocess.Popen[str], Iterator[dict[str, Any]]]]:
     """A process that watches, and its reports."""
-    command = [*AUTOMCM, "trace", "watch", "--json", "-", *map(str, words)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = automcm_popen("trace", "watch", "--json", "-", *words, stdout=subprocess.PIPE)
     assert process.stdout is not None
     try:
         yield process, (json.loads(line) for line in process.stdout)
@@ -137,10 +137,10 @@ def test_a_station_sends_its_log_there(tmp_path: Path) -> None:
         sender = socket.socket(type=socket.SOCK_DGRAM)
         while not begun(sender, b"", (own_address(), 4000), process):
             pass
-        station = [*AUTOMCM, "station", "--id", "9", "--first", "--listen", "0", "--for", "600"]
-        station += ["--broadcast", others, "--log-to", where]
         log = tmp_path / "9.ndjson"
-        subprocess.run([*station, "--log", str(log)], timeout=LIMIT_S, check=True, text=True)
+        words = ["--id", "9", "--first", "--listen", "0", "--for", "300", "--log", log]
+        sent = automcm_process("station", *words, "--broadcast", others, "--log-to", where)
+        assert sent.returncode == 0
         heard = list(reports)
         assert [r.get("station") for r in heard if r["report"] == "begun"] == [9]
         (verdict,) = (r for r in heard if r["report"] == "verdict")
