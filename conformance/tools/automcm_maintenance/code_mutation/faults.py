@@ -31,7 +31,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from inspect import CO_OPTIMIZED
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -79,7 +79,7 @@ def _span(text: str, function: str) -> tuple[int, int]:
     """Where a function begins and ends; the whole text for none.  Raises FaultError."""
     if not function:
         return 0, len(text)
-    nodes: list[ast.stmt] = ast.parse(text).body
+    nodes = _parsed(text)
     for name in function.split("."):
         named = [node for node in nodes if getattr(node, "name", "") == name]
         if len(named) != 1:
@@ -87,6 +87,12 @@ def _span(text: str, function: str) -> tuple[int, int]:
         node, nodes = named[0], getattr(named[0], "body", [])
     lines = text.splitlines(keepends=True)
     return len("".join(lines[: node.lineno - 1])), len("".join(lines[: node.end_lineno]))
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> list[ast.stmt]:
+    """A module, once for the many faults that a catalogue makes in it."""
+    return ast.parse(text).body
 
 
 @dataclass(frozen=True)
@@ -122,6 +128,13 @@ class Fault:
 
 def load(name: str) -> dict[str, Fault]:
     """The faults of a catalogue (a name, or a file), its edits tried.  Raises FaultError."""
+    found = _read(name)
+    for fault in found.values():
+        fault.texts()
+    return found
+
+
+def _read(name: str) -> dict[str, Fault]:
     path = CATALOGUES / f"{name}.toml" if "/" not in name else ROOT / name
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     found: dict[str, Fault] = {}
@@ -130,9 +143,8 @@ def load(name: str) -> dict[str, Fault]:
         edits = [Edit(e.get("in", usual), e["old"], e["new"]) for e in row.get("edit", [row])]
         if row["name"] in found:
             raise FaultError(f"{path.name}: two faults have the name {row['name']}")
-        fault = Fault(row["name"], tuple(edits), row.get("notice", {}), row.get("story", ""))
-        fault.texts()
-        found[fault.name] = fault
+        notice, story = row.get("notice", {}), row.get("story", "")
+        found[row["name"]] = Fault(row["name"], tuple(edits), notice, story)
     return found
 
 
@@ -170,7 +182,7 @@ class Hook(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 def main() -> None:
     """Run a module as a program that has a fault."""
     catalogue, name, module, *_ = sys.argv[1:]
-    fault = load(catalogue)[name]
+    fault = _read(catalogue)[name]
     modules = {edit.path: edit.place.partition(":")[0] for edit in fault.edits}
     Hook.put({modules[path]: text for path, text in fault.texts().items()})
     del sys.argv[1:4]
