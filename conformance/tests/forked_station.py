@@ -9,6 +9,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
 from typing import Any, NoReturn
 
@@ -22,60 +23,47 @@ load = cache(faults.load)
 popen = children.popen
 
 
-def program(command: Sequence[str]) -> Callable[[], object] | None:
-    """What a station does once it is forked; None for other commands, and for stations that have
-    something done when Python ends."""
+def forked(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
+    """``children.popen``, or a fork of the reference, of the reference with a fault, or of code
+    that uses it.  Not of code that has something done when Python ends."""
+    fault: AbstractContextManager[None] = nullcontext()
+    station: Callable[[], object] = adapter_lines.main
+    argv = list(command[2:])
     match command:
         case [sys.executable, "-m", module] if module == ADAPTER:
-            return adapter_lines.main
+            pass
         case [sys.executable, "-m", faults.__name__, catalogue, name, module, *arguments] if (
             module == ADAPTER
         ):
-            return partial(broken, load(catalogue)[name], command, arguments)
+            fault, argv = faults.put(load(catalogue)[name]), [module, *arguments]
         case [sys.executable, "-c", code] if "automcm.adapters" in code and "atexit" not in code:
-            return partial(exec, code, {"__name__": "__main__"})
-    return None
-
-
-def broken(fault: faults.Fault, command: Sequence[str], arguments: Sequence[str]) -> None:
-    """The reference with a fault.  If that is not in a function, modules must be imported anew."""
-    sys.argv[1:] = arguments
+            station = partial(exec, code, {"__name__": "__main__"})
+        case _:
+            return popen(command, group=group, **options)
     try:
-        with faults.put(fault):
-            adapter_lines.main()
-    except faults.FaultError:
-        os.execv(command[0], command)
-
-
-def forked(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
-    """``children.popen``, or a fork where that is possible."""
-    station = program(command)
-    if station is None:
+        with fault:
+            start = partial(run, station, argv)
+            return subprocess.Popen(command, preexec_fn=start, start_new_session=group, **options)
+    except faults.FaultError:  # not in a function: modules must be imported anew
         return popen(command, group=group, **options)
-    run_it = partial(run, station)
-    return subprocess.Popen(command, preexec_fn=run_it, start_new_session=group, **options)
 
 
 def automcm_popen(*words: object, **options: Any) -> subprocess.Popen[str]:
     """``automcm`` with these words."""
     argv = ["automcm", *map(str, words)]
-
-    def command() -> None:
-        sys.argv = argv
-        main()
-
-    return subprocess.Popen(argv, preexec_fn=partial(run, command), text=True, **options)
+    return subprocess.Popen(argv, preexec_fn=partial(run, main, argv), text=True, **options)
 
 
-def run(station: Callable[[], object]) -> NoReturn:
+def run(program: Callable[[], object], argv: list[str]) -> NoReturn:
     """In the child: run it with its own standard streams and no other file, and end."""
     status = 1
+    sys.argv = argv
+    gc.disable()  # else a file of the parent may be closed, whose number another has here
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
         streams = (os.fdopen(n, mode, closefd=False) for n, mode in enumerate("rww"))
         sys.stdin, sys.stdout, sys.stderr = streams
-        gc.freeze()  # no file of the parent is closed, whose number another may have here
-        station()
+        program()
         status = 0
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)

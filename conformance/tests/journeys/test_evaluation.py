@@ -77,6 +77,7 @@ def test_short_runs_in_which_nobody_comes_near_have_a_page(tmp_path: Path) -> No
     assert "runs with stations (" in text and "the least" not in text.split("- Distances.")[1]
 
 
+@pytest.mark.slow
 def test_each_figure_is_there_and_on_a_page() -> None:
     built = built_pages.pages()
     pages = {FOLDER / name / report.PAGE: built[f"evaluation/{name}/README.md"]() for name in NAMES}

@@ -112,7 +112,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(path, made)
     report = ["--json", made / "report.json", "--out", made / "runs", "--", *REFERENCE]
     for words in (
-        ["conform", "run", "AMCM/RCV/NEG/BI-05", *report],
+        ["conform", "run", "AMCM/STA/END/BI-19", *report],
         ["keys", "authority", made / "authority"],
         ["keys", "issue", made / "authority", made / "station", "--id", "7"],
     ):

@@ -45,6 +45,7 @@ HELLO = HelloAnswer(
     scenarios=["lane_change"],
     fixed={},
 )
+QUICK = "marks_only_from_actuating_on", "only_one_is_released"
 
 
 def run(
@@ -73,8 +74,9 @@ def test_the_reference_passes(name: str, tmp_path: Path) -> None:
         assert {v.verdict for v in verdicts} == {"allowed"}
 
 
-@pytest.mark.sweep(2)
-@pytest.mark.parametrize("name", BREAKS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n not in QUICK)) for n in BREAKS]
+)
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
     scenario, rule = BREAKS[name].values()
     outcome = run(scenario, broken(name), tmp_path)

@@ -19,7 +19,7 @@ from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Coverage, Divergence, WalkResult
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement, OracleDifference
-from automcm_spec.model_checking import model_runs, models, tlc
+from automcm_spec.model_checking import kept_results, models, tlc
 from automcm_spec.model_checking.tlc import ErrorKind, Progress, TlcError, TlcResult
 from automcm_spec.vocabulary.station import Restart
 
@@ -195,7 +195,7 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     def broken(*_: object, **__: object) -> None:
         raise TlcError("java", "no Java")
 
-    monkeypatch.setattr(model_runs, "check_all", broken)
+    monkeypatch.setattr(kept_results, "check_all", broken)
     monkeypatch.setattr(verify_, "_oracle", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]

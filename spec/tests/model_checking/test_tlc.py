@@ -87,7 +87,7 @@ def test_an_invariant(clock: Path) -> None:
 FAIR = "SPECIFICATION Fair"
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("mode", "lines", "named", "length", "loop"),
     [
@@ -141,7 +141,7 @@ def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) ->
     assert "Cannot find source file for module None" in str(error)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("line", "message"),
     [

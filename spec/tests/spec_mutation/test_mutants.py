@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,11 @@ from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
 
 
+generated = cache(mutants.generate)
+
+
 def test_the_modules_give_many_mutants_each_with_its_own_stable_id() -> None:
-    found = mutants.generate()
+    found = generated()
     assert len(found) >= 250
     assert len({m.id for m in found}) == len(found)
     assert found == mutants.generate()
@@ -32,14 +35,14 @@ def test_the_modules_give_many_mutants_each_with_its_own_stable_id() -> None:
 
 def test_a_mutant_can_be_parsed() -> None:
     parser = mutants._parser()
-    for mutant in mutants.sample(mutants.generate(), 80):
+    for mutant in mutants.sample(generated(), 40):
         source = (TLA / f"{mutant.module}.tla").read_bytes()
         changed = mutant.apply(source)
         assert changed != source and not parser.parse(changed).root_node.has_error, mutant
 
 
 def test_what_is_left_alone() -> None:
-    found = mutants.generate()
+    found = generated()
     assert not {f"{m.module}.{m.operator}" for m in found} & set(NOT_MUTATED)
     assert not {m.operator for m in found} & set(models.PROPERTIES.values())
     for name in NOT_MUTATED:
@@ -91,7 +94,7 @@ def test_a_negated_list_of_conjuncts_keeps_its_columns(folder: Path) -> None:
 
 
 def test_the_sample_is_a_fixed_one() -> None:
-    found = mutants.generate()
+    found = generated()
     few, more = mutants.sample(found, 10), mutants.sample(found, 20)
     assert len(few) == 10 and set(few) < set(more) and more == mutants.sample(found, 20)
     assert mutants.sample(found, None) == found
@@ -131,7 +134,8 @@ def test_the_command_refuses(monkeypatch: pytest.MonkeyPatch, options: list[str]
 
 def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """S-1 kills each mutant but the last, of which only the graph differs."""
-    wanted = mutants.sample(mutants.generate(), 3)
+    monkeypatch.setattr(mutants, "generate", generated)
+    wanted = mutants.sample(generated(), 3)
     kill = mutant_runs.Kill("one_by_two", "property", "S-1")
     graph = mutant_runs.Kill("the oracle", "graph", "tight differs")
 

@@ -108,7 +108,7 @@ def test_alone_is_one_process_at_a_time_also_after_one_was_killed(home: Path) ->
     with holding("locked('x')") as first:
         assert inside(first)
         with holding("locked('x')") as second:
-            assert not select.select([second.stdout], [], [], 1)[0]
+            assert not select.select([second.stdout], [], [], 0.3)[0]
             first.kill()
             assert inside(second)
             second.communicate("\n")
