@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from automcm_spec.log_format.log import ForgetTimer, MessageKey, MessageTimer, Part
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
 from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
 from automcm_spec.vocabulary.rules import RULES, handler, kind
-from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, Station, Timer
+from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
 from automcm_traces.checker.track import (
@@ -21,6 +22,7 @@ from automcm_traces.checker.track import (
     NUMBERED,
     PHASES,
     ROLES,
+    Limits,
     Track,
     latest_cam,
     short,
@@ -102,6 +104,31 @@ class Block:
     """The sort key: the block with the smallest distance is the best."""
 
 
+@lru_cache(maxsize=4096)  # the tries of ``trace shrink`` diverge in equal states
+def _smallest_block(
+    limits: Limits, me: int, st: State, i: Input, wanted: Action, most: int
+) -> Block | None:
+    """The smallest set of guards that block the wanted action.
+
+    Of several sets, those that involve the memory limits (MEM-1) or a message that breaks the
+    protocol (END-5) come last; then the one whose first guard is evaluated latest comes first.
+    """
+    station = Station(*limits)
+
+    def query(station: Station) -> Outcome:
+        return station.step(me, st, i)
+
+    blocks = []
+    for choice in blocking_conditions(station, query, lambda o: _does(wanted, o), most):
+        flipped = {t.condition for t in choice}
+        outcome, evaluated = record(station, query, flipped)
+        first = next((n for n, t in enumerate(evaluated) if t.condition in flipped), 0)
+        broken = any(t.condition.operator == "OnMessage" for t in choice)
+        distance = outcome.rule == "MEM-1", broken, -first
+        blocks.append(Block(outcome, _with_values(evaluated, flipped), distance))
+    return min(blocks, key=lambda block: block.distance, default=None)
+
+
 class Question:
     """Queries to the specification about one state of a station.
 
@@ -179,25 +206,8 @@ class Question:
         return ""
 
     def _block(self, i: Input, wanted: Action, most: int) -> Block | None:
-        """The smallest set of blocking guards.
-
-        Of several sets, those that involve the memory limits (MEM-1) or a message that breaks the
-        protocol (END-5) come last; then the one whose first guard is evaluated latest comes first.
-        """
-        me, st = self._track.me, self._track.state
-
-        def query(station: Station) -> Outcome:
-            return station.step(me, st, i)
-
-        blocks = []
-        for choice in blocking_conditions(self._station, query, lambda o: _does(wanted, o), most):
-            flipped = {t.condition for t in choice}
-            outcome, evaluated = record(self._station, query, flipped)
-            first = next((n for n, t in enumerate(evaluated) if t.condition in flipped), 0)
-            broken = any(t.condition.operator == "OnMessage" for t in choice)
-            distance = outcome.rule == "MEM-1", broken, -first
-            blocks.append(Block(outcome, _with_values(evaluated, flipped), distance))
-        return min(blocks, key=lambda block: block.distance, default=None)
+        track = self._track
+        return _smallest_block(track.limits, track.me, track.state, i, wanted, most)
 
     def _nearest_text(self, block: Block, i: Input, wanted: Action, by: str = "") -> str:
         to = handler(i)
