@@ -36,7 +36,7 @@ class Recorder(Straight):
 
     def __init__(self, **more: Any) -> None:
         super().__init__(
-            **({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 300, "from_now": True} | more)
+            **({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 100, "from_now": True} | more)
         )
         self.told: list[tuple[Any, ...]] = []
 

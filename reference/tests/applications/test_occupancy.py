@@ -137,14 +137,14 @@ def test_app_2_a_vehicle_is_in_a_lane_that_its_side_touches() -> None:
 # -- APP-2, APP-4, APP-5 on the road
 
 HARM = [
-    ("bound elsewhere", "CAMs", 0, None),
-    ("CAM only", "CAMs", 0, None),
-    ("seen only", PERCEPTION, 0, None),
+    ("bound elsewhere", "CAMs", 1, None),
+    ("CAM only", "CAMs", 1, None),
+    ("seen only", PERCEPTION, 1, None),
     ("answers", "lengths", 146, 0.0),
     ("seen only", "sigma", 1044, 2.0),
     ("CAM only", "curvature", 7, None),
-    ("does not slow", "look before", 0, None),
-    ("cuts in", "look while", 0, None),
+    ("does not slow", "look before", 2, None),
+    ("cuts in", "look while", 9, None),
 ]
 """What B does, the mechanism, the first seed to try, and the error of positions."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import itertools
 import sys
+from functools import cache
 from typing import Any, get_args
 
 import asn1tools
@@ -73,7 +74,6 @@ near = st.sampled_from([2**n + d for n in (7, 8, 11, 13, 15, 16, 31, 32) for d i
 steps = st.tuples(*[near | near.map(int.__neg__) | numbers] * 3)
 
 
-@settings(derandomize=True, max_examples=200, deadline=None, database=None)
 @given(numbers, st.lists(steps, min_size=1, max_size=5).map(tuple), st.booleans())
 def test_uper_loses_nothing_of_any_trajectory(
     t0: int, moves: tuple[tuple[int, int, int], ...], relative: bool
@@ -126,12 +126,17 @@ def test_what_the_schema_enumerates_is_what_the_models_allow() -> None:
         assert values(name) == [reason.replace("_", "-") for reason in get_args(reasons)]
 
 
+@cache
+def schema() -> Any:
+    """The schema as asn1tools compiles it."""
+    return asn1tools.compile_files(str(SCHEMA), "uper")
+
+
 def packed(**fields: Any) -> bytes:
     """A Fin with other content than ours, as asn1tools encodes it."""
     header = {"src": 9, "dst": 1, "session": {"prescriber": 9, "number": ("n8", 1)}}
     body = {"header": header, "seq": ("n8", 7)} | fields
-    packet = asn1tools.compile_files(str(SCHEMA), "uper").types["Packet"]
-    return bytes(packet.encode({"v": 1, "body": ("fin", body)}))
+    return bytes(schema().types["Packet"].encode({"v": 1, "body": ("fin", body)}))
 
 
 def test_uper_has_one_encoding_of_a_message() -> None:
@@ -145,7 +150,7 @@ def test_uper_has_one_encoding_of_a_message() -> None:
 
 @pytest.mark.parametrize("extras", [{"length-mm": ("n8", 99)}, {"width-mm": ("n32", 102_101)}])
 def test_end_5_uper_refuses_extras_out_of_bounds(extras: dict[str, Any]) -> None:
-    data = bytes(asn1tools.compile_files(str(SCHEMA), "uper").types["Extras"].encode(extras))
+    data = bytes(schema().types["Extras"].encode(extras))
     refused(UPER, UPER.encode(cam(1, 0)) + data, f"CAM.{next(iter(extras)).replace('-', '_')}")
     refused(UPER, UPER.encode(fin()) + data, "Fin." + next(iter(extras)).replace("-", "_"))
 

@@ -289,7 +289,7 @@ def test_mean_and_quantile() -> None:
             of_none([])
 
 
-@pytest.mark.sweep(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")

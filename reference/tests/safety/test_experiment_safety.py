@@ -137,19 +137,22 @@ def test_s_5_act_2_act_5_neg_4_a_mechanism_ends_or_prevents_a_hazard(
     assert all(least <= length <= most for _, length in found)
 
 
-@pytest.mark.parametrize("without", ["plain CAMs count", "lease from the Acceptance"])
+@pytest.mark.parametrize(
+    ("without", "drives", "text"),
+    [("plain CAMs count", 4, "T-2: longer"), ("lease from the Acceptance", 10, "S-5: without")],
+)
 def test_what_was_proved_and_does_not_hold_is_told_with_its_seed(
-    without: str, monkeypatch: pytest.MonkeyPatch
+    without: str, drives: int, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    values = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": 12}
+    values = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": drives}
     values["delay_ms"] = 40
     fine = safety.run(values, 1)
-    assert fine["wrong"] == [] and fine["with_hazard"] > 2
+    assert fine["wrong"] == [] and fine["with_hazard"] > 1
     whole = replace(BY_NAME[without], name=WHOLE.name)
     monkeypatch.setitem(BY_NAME, WHOLE.name, whole)
     bad = safety.run(values, 1)
     (first, *_) = safety_tables._broken([Cell(values, bad)])
-    assert first.startswith("T-2: longer" if without.startswith("plain") else "S-5: without")
+    assert first.startswith(text)
     one = bad["wrong"][0]
     assert f"safety.drive({canonical(values)}, {one['seed']})" in first
     again = safety.drive(values, one["seed"])
@@ -167,16 +170,15 @@ def test_a_station_that_never_comes_free_is_told() -> None:
 
 def test_every_ablation_names_what_there_is() -> None:
     assert len(BY_NAME) == len(ABLATIONS) + 1
-    for ablation in ABLATIONS:
-        assert ablation.rule in RULE_IDS
-        assert ablation.model in {model.cfg for model in models.load()}
+    assert {ablation.rule for ablation in ABLATIONS} <= {*RULE_IDS}
+    assert {ablation.model for ablation in ABLATIONS} <= {model.cfg for model in models.load()}
 
 
-@pytest.mark.parametrize("ablation", ABLATIONS, ids=lambda ablation: ablation.name)
-def test_an_ablation_is_applied_and_taken_back(ablation: Ablation) -> None:
+def test_each_ablation_is_applied_and_taken_back() -> None:
     right = simulate([], loss=0.3)
-    with ablation.applied():  # an edit that changes no function is an error
-        assert ablation.fault is not None or ablation.parameters != PARAMETERS
+    for ablation in ABLATIONS:
+        with ablation.applied():  # an edit that changes no function is an error
+            assert ablation.fault is not None or ablation.parameters != PARAMETERS
     assert simulate([], loss=0.3) == right
 
 

@@ -36,5 +36,6 @@ def _fails(test: Callable[[], None]) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_without_a_fault_every_test_passes() -> None:
     assert not [test.__name__ for test in TESTS if _fails(test)]

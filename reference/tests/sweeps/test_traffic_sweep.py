@@ -29,7 +29,7 @@ class Staged(TrafficRun):
 
     def drive(self, *, logs: Path | None = None, **more: Any) -> Traffic:
         seed = self.seeds.pop() if self.seeds else self.setting.seed
-        made, _ = traffic(seed=seed, vehicles=4, loss=0.3, duration_s=8, logs=logs)
+        made, _ = traffic(seed=seed, vehicles=4, loss=0.3, duration_s=4, logs=logs)
         made.run()
         return made
 
