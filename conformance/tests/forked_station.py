@@ -42,16 +42,20 @@ def forked(command: Sequence[str], *, group: bool = False, **options: Any) -> su
             return popen(command, group=group, **options)
     try:
         with fault:
-            start = partial(run, station, argv)
-            return subprocess.Popen(command, preexec_fn=start, start_new_session=group, **options)
+            return fork(station, argv, start_new_session=group, **options)
     except faults.FaultError:  # not in a function: modules must be imported anew
         return popen(command, group=group, **options)
 
 
 def automcm_popen(*words: object, **options: Any) -> subprocess.Popen[str]:
     """``automcm`` with these words."""
-    argv = ["automcm", *map(str, words)]
-    return subprocess.Popen(argv, preexec_fn=partial(run, main, argv), text=True, **options)
+    return fork(main, ["automcm", *map(str, words)], text=True, **options)
+
+
+def fork(program: Callable[[], object], argv: list[str], **options: Any) -> subprocess.Popen[Any]:
+    """A child with the signals of Python, which ignores SIGPIPE and SIGXFSZ."""
+    start = partial(run, program, argv)
+    return subprocess.Popen(argv, preexec_fn=start, restore_signals=False, **options)
 
 
 def run(program: Callable[[], object], argv: list[str]) -> NoReturn:
