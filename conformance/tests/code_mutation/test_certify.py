@@ -25,7 +25,6 @@ from automcm_maintenance.code_mutation import (
     source_mutants,
     suite_kills,
 )
-from automcm_maintenance.code_mutation.behaviour_digest import VARIANTS, AnyState
 from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
 from automcm_maintenance.code_mutation.equivalence import Difference
 from automcm_maintenance.code_mutation.faults import Edit
@@ -39,6 +38,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
     path_of,
     sample,
 )
+from automcm_maintenance.code_mutation.station_behaviour import VARIANTS, AnyState
 from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import GRAPHS
@@ -49,12 +49,6 @@ TIGHT = (("tight", 0),)
 @pytest.fixture(scope="module")
 def made() -> Generated:
     return generate(modules=["state", "phases", "prescribing", "actuating", "ending", "messages"])
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the digests of the reference are kept."""
-    return tmp_path_factory.mktemp("certify")
 
 
 def changed(module: str, old: str, new: str) -> SourceMutant:
@@ -191,25 +185,24 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
 def walked(mutant: SourceMutant, folder: Path) -> Difference | None:
     file = folder / "source.py"
     file.write_text(mutant.source, encoding="utf-8")
-    found = equivalence.first_difference(mutant, file, folder, TIGHT)
-    return None if found is None else equivalence.shown(mutant, file, found)
+    found = equivalence.first_difference(mutant, file, TIGHT)
+    return None if found is None else found.difference
 
 
 @pytest.mark.slow
-def test_an_equivalent_mutant_is_called_so(folder: Path) -> None:
+def test_an_equivalent_mutant_is_called_so(tmp_path: Path) -> None:
     same = changed("prescribing", "not (st.phase == ", "True and not (st.phase == ")
-    assert walked(same, folder) is None
+    assert walked(same, tmp_path) is None
     selectors, walks = ("AMCM/STA/REL/TI-01",), (*TIGHT, ("tight", 1))
-    asked = CertificateRun(folder, selectors=selectors, walks=walks)
+    asked = CertificateRun(tmp_path / "kept", selectors=selectors, walks=walks)
     (row,), problems = certificate.run([same], asked, lambda text: None)
     assert row.verdict == "equivalent" and problems == []
-    assert {path.name[:7] for path in folder.glob("*.digests")} == {"tight-0", "tight-1"}
 
 
 @pytest.mark.slow
-def test_a_difference_is_found_and_shown(folder: Path) -> None:
+def test_a_difference_is_found_and_shown(tmp_path: Path) -> None:
     module, old, new = SCRIPTS["table"]
-    found = walked(changed(module, old, new), folder)
+    found = walked(changed(module, old, new), tmp_path)
     assert found is not None and found.graph == "tight"
     assert '"Fin"' in found.input and found.state[1] == "receiver"
     assert "finished" in found.right and "finished" not in found.wrong
@@ -262,24 +255,13 @@ def test_a_changed_walk_makes_earlier_verdicts_invalid(
 def test_a_walk_without_end_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(equivalence, "SECONDS", 0)
     with pytest.raises(equivalence.EquivalenceError, match="no end after 0 s"):
-        equivalence.digests(tmp_path, ("tight", 0))
-    assert not list(tmp_path.glob("*.digests"))
-
-
-def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
-    kinds = {m.id.rsplit("/", 1)[0]: equivalence.kinds_of(m) for m in made.mutants}
-    assert kinds["state/armed"] == kinds["phases/ReceiverPhases"] == set()
-    assert kinds["prescribing/prescribe"] == {"command prescribe"}
-    assert kinds["actuating/FIN"] == {"receive Fin"}
-    assert kinds["ending/drop"] == {"expire giveup", "receive Ack"}
+        walked(changed(*SCRIPTS["table"]), tmp_path)
 
 
 @pytest.mark.slow
-def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
+def test_survivors_count_and_are_shown(tmp_path: Path) -> None:
     """A suite that cannot see a mutant, and one that can."""
     mutant = changed(*SCRIPTS["table"])
-    for known in folder.glob("*.digests"):
-        (tmp_path / known.name).write_bytes(known.read_bytes())
     blind = CertificateRun(tmp_path, selectors=("AMCM/STA/REL/TI-01",), jobs=1, walks=TIGHT)
     for _ in range(2):  # the second time from what was kept
         rows, problems = certificate.run([mutant], blind, lambda text: None)
@@ -346,7 +328,7 @@ def test_only_who_is_compared_on_every_graph_is_equivalent(
     """A comparison that breaks off leaves a mutant that no case kills undecided."""
     walked: list[tuple[str, int]] = []
 
-    def first_difference(_: object, __: object, ___: object, walks: Any) -> None:
+    def first_difference(_: object, __: object, walks: Any) -> None:
         walked.extend(walks)
         if ends in {graph for graph, _ in walks}:
             raise equivalence.EquivalenceError("no end")
@@ -401,29 +383,26 @@ def test_usage(made: Generated, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "state/" not in listed.output
 
 
-def hidden(made: Generated, id_: str, folder: Path) -> bool:
-    """What a run in lockstep on the smallest graph finds out of a mutant."""
+def of_id(made: Generated, id_: str) -> SourceMutant:
     (mutant,) = [each for each in made.mutants if each.id == id_]
-    source = folder / f"{mutant.module}.py"
-    source.write_text(mutant.source, encoding="utf-8")
-    return equivalence.hidden(mutant, source, [("tight", 0)])
+    return mutant
 
 
 def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     walker = AnyState(load(GRAPHS["tight"].path), VARIANTS[0])
-    with lockstep.unchanged("tight", "0", ()) as right:
-        assert json.loads(json.dumps(lockstep.answers(walker, 0, None))) == right(0, True)
-        monkeypatch.setattr(walker, "extra_outcomes", lambda state: ["another outcome"])
-        found = lockstep.distinguished(walker, right)
-    assert found is not None and found[2] == "an extra input"
+    monkeypatch.setitem(walker._extra, "all timers, later", list)
+    with lockstep.unchanged("tight", "0") as right:
+        found = lockstep.first_difference(walker, right)
+    assert found is not None and found.outcomes[0][0] == "all timers, later"
 
 
+@pytest.mark.slow
 def test_what_is_kept_and_never_said_is_equivalent(made: Generated, tmp_path: Path) -> None:
     """Who has withdrawn is of no use once the choice has begun (ADV-5)."""
-    assert hidden(made, "prescribing/window_closes/memory-1", tmp_path)
+    assert walked(of_id(made, "prescribing/window_closes/memory-1"), tmp_path) is None
 
 
 @pytest.mark.slow
 def test_what_is_kept_and_said_later_is_not(made: Generated, tmp_path: Path) -> None:
     """Who withdraws, and stays recorded all the same, is acked again (END-2)."""
-    assert not hidden(made, "ending/withdraw/memory-4", tmp_path)
+    assert walked(of_id(made, "ending/withdraw/memory-4"), tmp_path) is not None

@@ -1,16 +1,16 @@
 """Messages with one edge-case value, and the reference's interpretation of them.
 
-As behaviour_digest.py, it is imported after the reference has been replaced, so it defines its own
+As station_behaviour.py, it is imported after the reference has been replaced, so it defines its own
 bounds.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from typing import Any
 
+from automcm_maintenance.code_mutation.lockstep import Answer, Changed
 from automcm_spec.vocabulary.messages import MessageError, decode, encode
 
 LIMIT = 2**53 - 1
@@ -65,28 +65,25 @@ class Forms:
 
     states = BASES
 
-    def answers(self, n: int) -> Iterator[tuple[str, str]]:
+    def fields(self, n: int, changed: Changed) -> Changed:
+        """None: a message leaves no state."""
+        return {}
+
+    def answers(self, n: int, changed: Changed) -> Iterator[Answer]:
         """Each message with an edge case, and its interpretation."""
-        base = BASES[n]
-        yield "as it is", _taken(base)
-        yield "one more", _taken(base | {"more": 1})
-        for path in _paths(base):
-            yield f"without {path}", _taken(_with(base, path, ...))
-            for entry in EDGE_VALUES:
-                text = json.dumps(entry)
-                shown = text if len(text) < LONG else f"{text[:LONG]}… ({len(text)} characters)"
-                yield f"{path}: {shown}", _taken(_with(base, path, entry))
+        for what, message in _messages(BASES[n]):
+            yield Answer(what, _taken(message), None, n)
 
-    def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
-        """As ``Walker.digests``; all inputs have one kind."""
-        found = hashlib.blake2b(digest_size=8)
-        for what, text in self.answers(n):
-            found.update(f"{what}{text}".encode())
-        return {"odd": found.digest()}
 
-    def shown(self, n: int) -> list[tuple[str, str]]:
-        """All answers, as text."""
-        return list(self.answers(n))
+def _messages(base: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    yield "as it is", base
+    yield "one more", base | {"more": 1}
+    for path in _paths(base):
+        yield f"without {path}", _with(base, path, ...)
+        for entry in EDGE_VALUES:
+            text = json.dumps(entry)
+            shown = text if len(text) < LONG else f"{text[:LONG]}… ({len(text)} characters)"
+            yield f"{path}: {shown}", _with(base, path, entry)
 
 
 def _taken(message: Any) -> str:

@@ -40,7 +40,6 @@ from automcm_spec.support import scratch
 Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
-HIDDEN = "its stored state differs, but its outputs never do"
 FIRST = ("forms", 0), ("tight", 0), ("one-peer", 0)
 """The graphs before the suite, to begin with the cases that should find a difference."""
 UNTIL_S = 1_800.0
@@ -165,7 +164,7 @@ def _judge(asked: CertificateRun, values: Values) -> Values:
 
         def differs(when: bool) -> equivalence.FirstDifference | None:
             walks = [walk for walk in asked.walks if (walk in FIRST) is when]
-            return equivalence.first_difference(m, source, asked.folder, walks)
+            return equivalence.first_difference(m, source, walks)
 
         child = "automcm_maintenance.code_mutation.mutated_process"
         command = [sys.executable, "-m", child, m.module, str(source)]
@@ -180,11 +179,8 @@ def _judge(asked: CertificateRun, values: Values) -> Values:
             if row.verdict == "survived":
                 row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
                 found = found or (None if error else differs(False))
-                if found and equivalence.hidden(m, source, asked.walks):
-                    row.why = HIDDEN
-                elif found:
-                    row.verdict = "survived"
-                    row.difference = equivalence.shown(m, source, found)
+                if found:
+                    row.verdict, row.difference = "survived", found.difference
         except (EquivalenceError, OSError) as ended:
             row.verdict, row.why = "undecided", str(ended)
     return row.as_dict()
@@ -244,12 +240,8 @@ def run(
 ) -> tuple[list[MutantRow], list[str]]:
     """Judge these mutants of the reference: the rows, in their order, and the problems.
 
-    Interrupted, it returns what is decided.  Raises EquivalenceError, OSError, OracleError.
+    Interrupted, it returns what is decided.  Raises OSError, OracleError.
     """
-    for walk in asked.walks:
-        if walk in FIRST and mutants:
-            notify(f"the reference itself on {walk[0]}")
-            equivalence.digests(asked.folder, walk)
     return _finished([asdict(mutant) for mutant in mutants], _judge, asked, notify)
 
 

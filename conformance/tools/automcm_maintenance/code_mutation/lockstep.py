@@ -1,71 +1,96 @@
-"""Compares the outputs of a mutant with another state to the reference, on a product of two graphs.
+"""Compares a mutant with the reference on a graph: at each state, both get every input.
 
 The unchanged reference runs in a process of its own.  Where a step gives the two different states,
-the difference is carried to the next state of the graph if it is new there, and both get all
-inputs, also those that no graph has.  If their messages, indications, timers and deadlines are
-always equal, the mutant is equivalent on this graph.
+the difference is carried to the next state of the graph if it is new there, and both get every
+input there, too.  If their messages, indications, timers and deadlines are always equal, the mutant
+is equivalent on this graph.
 """
 
 from __future__ import annotations
 
-import json
+import pickle
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
-from automcm_maintenance.code_mutation.behaviour_digest import AnyState
 from automcm_spec.support import children
-from automcm_spec.vocabulary.json_forms import to_json
 
-Changed = dict[str, Any]
+Changed = Mapping[str, Any]
 """Fields of a state, with the mutant's values where these differ."""
-Json = Any
-Ask = Callable[[int, bool], Json]
-"""For a state by number, and whether all kinds of input are given: the outcomes of ``answers``."""
+Texts = dict[str, str]
+Known = tuple[Texts, list[tuple[str, Texts | None]]]
+"""The fields of a state, and the outcome of each input with the fields after it."""
+Ask = Callable[[int], Callable[[], Known]]
+"""Asks for a state by number; what it returns waits for the answer."""
 
 
-def answers(walker: AnyState, n: int, kinds: Set[str] | None) -> Json:
-    """The outcomes of the extra inputs in a state; its fields; and by input the outcome and the
-    fields then, if they are others."""
-    here = walker.at(n)
-    extra, outcomes = walker.extra_outcomes(here), {}
-    for i, value in enumerate(walker.oracle.inputs):
-        if walker.oracle.answer(n, i) is not None and (kinds is None or walker.kinds[i] in kinds):
-            outcome, then = walker.outcome(here, value)
-            outcomes[str(i)] = outcome, None if then is here else _fields(then)
-    return extra, _fields(here), outcomes
+class Answer(NamedTuple):
+    """The outcome of an input as text; the fields of the state after it, None if it is the same;
+    and the number of that state in the graph.  ``input`` is a text if no graph has it."""
+
+    input: Any
+    outcome: str
+    then: Changed | None
+    next: int
 
 
-def _fields(state: Any) -> dict[str, str]:
-    return {name: repr(value) for name, value in state._asdict().items()}
+class Walked(Protocol):
+    """A graph with a station, or the forms of messages (accepted_forms.py)."""
+
+    @property
+    def states(self) -> Sequence[object]:
+        """All states by number."""
+
+    def fields(self, n: int, changed: Changed) -> Changed:
+        """The fields of state ``n`` with these changes."""
+
+    def answers(self, n: int, changed: Changed) -> Iterator[Answer]:
+        """The answers to all inputs there, always in the same order."""
 
 
-def serve(walker: AnyState, kinds: Set[str] | None, lines: Iterable[str]) -> Iterator[str]:
-    """The lines that answer those of ``unchanged``."""
-    for line in lines:
-        n, whole = json.loads(line)
-        yield json.dumps(answers(walker, n, None if whole else kinds))
+class Different(NamedTuple):
+    """A state with different outcomes: its number, the mutant's changes of it, and by input the
+    right and the wrong outcome."""
+
+    state: int
+    changed: Changed
+    outcomes: list[tuple[Any, str, str]]
+
+
+def serve(walked: Walked, numbers: Iterable[str], out: BinaryIO) -> None:
+    """Answer the questions of ``unchanged``."""
+    for n in map(int, numbers):
+        answers = [(a.outcome, None if a.then is None else _texts(a.then)) for a in _all(walked, n)]
+        pickle.dump((_texts(walked.fields(n, {})), answers), out)
+        out.flush()
+
+
+def _all(walked: Walked, n: int, changed: Changed | None = None) -> list[Answer]:
+    return list(walked.answers(n, changed or {}))
+
+
+def _texts(fields: Changed) -> Texts:
+    return {name: repr(value) for name, value in fields.items()}
 
 
 @contextmanager
-def unchanged(graph: str, variant: str, kinds: Iterable[str]) -> Iterator[Ask]:
+def unchanged(graph: str, variant: str) -> Iterator[Ask]:
     """The unchanged reference in a process of its own."""
     child = "automcm_maintenance.code_mutation.mutated_process"
-    task = ["state", "-", "serve", graph, variant, "-", *kinds]
-    command = children.ending_with_parent([sys.executable, "-m", child, *task])
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+    command = children.ending_with_parent(
+        [sys.executable, "-m", child, "state", "-", "serve", graph, variant]
+    )
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin is not None and process.stdout is not None
         given, answered = process.stdin, process.stdout
 
-        def ask(n: int, whole: bool) -> Json:
-            given.write(f"{json.dumps([n, whole])}\n")
+        def ask(n: int) -> Callable[[], Known]:
+            given.write(b"%d\n" % n)
             given.flush()
-            return json.loads(answered.readline())
+            return lambda: pickle.load(answered)
 
         try:
             yield ask
@@ -73,37 +98,27 @@ def unchanged(graph: str, variant: str, kinds: Iterable[str]) -> Iterator[Ask]:
             process.kill()
 
 
-def distinguished(
-    wrong: AnyState, right: Ask, kinds: Set[str] | None = None
-) -> list[object] | None:
-    """The first difference of outputs: the state, the mutant's changes of it, the input, and both
-    outcomes.  None without a difference.
-
-    With ``kinds``, only inputs of these kinds can differ where both have the same state.
-    """
-    oracle = wrong.oracle
-    left: deque[tuple[int, Changed]] = deque((n, {}) for n in range(len(oracle.states)))
+def first_difference(wrong: Walked, right: Ask) -> Different | None:
+    """The first state with different outcomes."""
+    left: deque[tuple[int, Changed]] = deque((n, {}) for n in range(len(wrong.states)))
     seen: set[tuple[int, str]] = set()
     while left:
         n, changed = left.popleft()
-        state = to_json(oracle.states[n])
-        extra, here, outcomes = right(n, bool(changed))
-        other = wrong.at(n)._replace(**changed)
-        others = wrong.extra_outcomes(other)
-        if extra != others:
-            return [state, repr(changed), "an extra input", str(extra), str(others)]
-        for i, (right_outcome, after) in outcomes.items():
-            value, answer = oracle.inputs[int(i)], oracle.answer(n, int(i))
-            assert answer is not None
-            wrong_outcome, then = wrong.outcome(other, value)
-            if right_outcome != wrong_outcome:
-                return [state, repr(changed), to_json(value), right_outcome, wrong_outcome]
-            if after is None and then is other:
+        known = right(n)
+        answers = _all(wrong, n, changed)
+        here, outcomes = known()
+        both = list(zip(answers, outcomes, strict=False))  # a mutant may not enter the state
+        different = [(a.input, text, a.outcome) for a, (text, _) in both if a.outcome != text]
+        if different:
+            return Different(n, changed, different)
+        for answer, (_, after) in both:
+            if answer.then is None and after is None:
                 continue
-            fields = after or here
-            differs = {k: v for k, v in then._asdict().items() if repr(v) != fields[k]}
+            then = wrong.fields(n, changed) if answer.then is None else answer.then
+            fields = here if after is None else after
+            differs = {name: value for name, value in then.items() if repr(value) != fields[name]}
             place = (answer.next, repr(differs))
             if differs and place not in seen:
                 seen.add(place)
-                left.append((answer.next, differs))
+                left.appendleft((answer.next, differs))  # the sooner it may show
     return None

@@ -2,14 +2,10 @@
 
 ``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers like ``automcm
 adapter``, with the source of FILE instead of MODULE; with ``-`` as FILE nothing is replaced.
-Another task can follow (behaviour_digest.py):
+Another task can follow (lockstep.py):
 
-    write GRAPH VARIANT DIGESTS             writes the digests of a graph
-    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state with other digests
-                                            and the kinds of input, or nothing
-    show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
-    lockstep GRAPH VARIANT - [KIND]...      prints the first difference of outputs, or null
-    serve GRAPH VARIANT - [KIND]...         answers the questions of ``lockstep``
+    compare GRAPH VARIANT    prints, as JSON, the first state with other outcomes, or null
+    serve GRAPH VARIANT      answers the questions of ``compare``
 
 The states of the special graph `forms` are messages; its inputs are their edge cases
 (accepted_forms.py).
@@ -84,33 +80,37 @@ def _serve() -> None:
         signal.setitimer(signal.ITIMER_PROF, ANSWER_CPU_S)  # then SIGPROF ends this process
 
 
-def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> None:
-    from automcm_maintenance.code_mutation import accepted_forms, behaviour_digest, lockstep
+def _behave(task: str, graph: str, variant: str) -> None:
+    from automcm_maintenance.code_mutation import accepted_forms, lockstep, station_behaviour
     from automcm_spec.graph.oracle import load
     from automcm_spec.graph.oracle_generation import GRAPHS
-    from automcm_spec.vocabulary.json_forms import to_json
+    from automcm_spec.vocabulary.json_forms import canonical, to_json
+    from automcm_spec.vocabulary.rules import kind
 
     gc.disable()  # the graph is large and permanent
-    walked: behaviour_digest.Walked = accepted_forms.Forms()
+    walked: lockstep.Walked = accepted_forms.Forms()
     if graph != "forms":
-        oracle, chosen = load(GRAPHS[graph].path), behaviour_digest.VARIANTS[int(variant)]
-        walked = behaviour_digest.AnyState(oracle, chosen)
-    if task in ("lockstep", "serve"):
-        assert isinstance(walked, behaviour_digest.AnyState)
-        if task == "serve":
-            for answer in lockstep.serve(walked, set(kinds) or None, sys.stdin):
-                print(answer, flush=True)
-            return
-        with lockstep.unchanged(graph, variant, kinds) as right:
-            print(json.dumps(lockstep.distinguished(walked, right, set(kinds) or None)))
-    elif task == "write":
-        behaviour_digest.write(walked, Path(about))
-    elif task == "compare":
-        found = behaviour_digest.first_difference(walked, Path(about), set(kinds) or None)
-        print("" if found is None else json.dumps(found))
-    else:
-        state = to_json(walked.states[int(about)])
-        print(json.dumps({"state": state, "answers": walked.shown(int(about))}))
+        oracle, chosen = load(GRAPHS[graph].path), station_behaviour.VARIANTS[int(variant)]
+        walked = station_behaviour.AnyState(oracle, chosen)
+    if task == "serve":
+        lockstep.serve(walked, sys.stdin, sys.stdout.buffer)
+        return
+    with lockstep.unchanged(graph, variant) as right:
+        found = lockstep.first_difference(walked, right)
+    if found is None:
+        print("null")
+        return
+    value, rightly, wrongly = found.outcomes[0]
+    state = to_json(walked.states[found.state])
+    shown = {
+        "graph": graph,
+        "state": [state, repr(found.changed)] if found.changed else state,
+        "input": value if isinstance(value, str) else canonical(value),
+        "right": rightly,
+        "wrong": wrongly,
+    }
+    kinds = {kind(value) for value, *_ in found.outcomes if not isinstance(value, str)}
+    print(json.dumps({"number": found.state, "kinds": sorted(kinds), "difference": shown}))
 
 
 if __name__ == "__main__":
