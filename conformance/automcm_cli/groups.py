@@ -38,7 +38,6 @@ GROUPS = {
         [
             "automcm_cli.reference.simulate_command",
             "automcm_cli.reference.traffic_command",
-            "automcm_evaluation.sweeps.traffic_sweep_command",
         ],
         "Run scenarios on a simulated road, and in the traffic of SUMO.",
     ),
@@ -56,8 +55,7 @@ GROUPS = {
 """For each group: its modules, each with an ``app``, and its help text."""
 _TOP = f"{_MAINTENANCE}.verify.repository_commands"
 _ONLY_IN_A_CLONE = (
-    *("bench", "certify", "experiment", "generate", "mutate", "pages", "prove", "traffic-sweep"),
-    "verify",
+    *("bench", "certify", "experiment", "generate", "mutate", "pages", "prove", "verify"),
 )
 _OUT_WAS = {"coverage": "--html", "demo": "--logs", "report": "--html"}
 """By command, the name of ``--out`` in earlier versions."""

@@ -14,7 +14,8 @@ from typing import Any
 
 from traffic_stage import traffic
 
-from automcm_evaluation.sweeps import report, sweep, traffic_sweep
+from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.traffic_experiment import traffic_sweep
 from automcm_simulation.traffic.seen_from_above import Frames
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS

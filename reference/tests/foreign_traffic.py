@@ -3,7 +3,7 @@
     python reference/tests/foreign_traffic.py
 
 Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so; so is a
-drive over ns-3 (automcm[radio]).  ``automcm simulate traffic-sweep`` runs more seeds.
+drive over ns-3 (automcm[radio]).  ``automcm experiment traffic-sweep`` runs more seeds.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ import foreign_checks
 import numpy as np
 
 from automcm.applications.vehicle import STEP_S
-from automcm_evaluation.sweeps.traffic_sweep import SECONDS, check
-from automcm_evaluation.sweeps.traffic_sweep_command import not_allowed
+from automcm_evaluation.traffic_experiment.traffic_sweep import SECONDS
+from automcm_evaluation.traffic_experiment.traffic_sweep import run as short_run
 from automcm_simulation.traffic import lanelet_network
 from automcm_simulation.traffic.distance_guard import LEFT_M, limits
 from automcm_simulation.traffic.mover import AUTOMATED, Body, RoadUser, TrafficError
@@ -48,7 +48,7 @@ def nothing_bad_happens() -> None:
         agreed = 0
         for seed in range(SEEDS):
             twice = name == "lane-change" and seed == 1
-            found = check({"scenario": name, "seed": seed, "twice": twice}, not_allowed)
+            found = short_run({"scenario": name, "seed": seed, "twice": twice})
             agreed += found["agreed"]
             assert not found["wrong"], (name, seed, found["wrong"])
         print(f"        {name}: {SEEDS} drives, {agreed} agreements, nothing bad")

@@ -93,7 +93,7 @@ NOT_RUN = {
     *("demo", "generate", "spec mutate", "spec pages", "spec simulate", "verify"),
     *("experiment render", *(f"experiment {name}" for name in ("all", *NAMES))),
     # SUMO: reference/tests/foreign_traffic.py
-    *("bench traffic", "simulate traffic", "simulate traffic-sweep"),
+    *("bench traffic", "simulate traffic", "experiment traffic-sweep"),
     # they serve others and go on without standard output: test_station_faults
     *("conform live", "drive", "link relay", "station"),
     "conform replay",  # it prints as conform run does

@@ -28,7 +28,7 @@ main()
 NEED_REPOSITORY = (
     *("verify", "generate", "bench", "spec pages", "spec mutate"),
     "spec prove",
-    *("conform certify", "experiment", "simulate traffic-sweep"),
+    *("conform certify", "experiment"),
 )
 
 

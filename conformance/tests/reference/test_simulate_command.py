@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from cli_stage import automcm
 
 from automcm_cli.reference import traffic_command
-from automcm_evaluation.sweeps import traffic_sweep_command
-from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
+from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS
 from automcm_simulation.road import figures
-from automcm_simulation.traffic import sumo_mover
 
-CORPUS = Path(__file__).parents[3] / "traces" / "corpus"
 PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
 
 
@@ -122,68 +118,6 @@ def test_an_unknown_scenario_is_a_usage_error_that_lists_them(tmp_path: Path) ->
     done = automcm("simulate", "traffic", "--scenario", "fly", "--out", tmp_path)
     assert done.exit_code == 2 and "lane-change-4" in done.output
     assert automcm("simulate", "traffic", "--penetration", "2").exit_code == 2
-
-
-def _run_of(values: dict[str, Any]) -> dict[str, Any]:
-    """What a run of seed 3 found wrong."""
-    wrong = ["1 collisions by a maneuver"] if values["seed"] == 3 else []
-    return {
-        **dict.fromkeys(("requested", "agreed", "completed", "hazards", "longest_ms"), 1),
-        "collisions": {name: len(wrong) for name in COLLISIONS},
-        "command": "automcm simulate traffic --seed 3",
-        "wrong": wrong,
-    }
-
-
-def test_a_traffic_sweep_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ran = []
-
-    def checked(values: dict[str, Any]) -> dict[str, Any]:
-        ran.append((values["scenario"], values["seed"]))
-        return _run_of(values)
-
-    monkeypatch.setattr(traffic_sweep_command, "_checked", checked)
-    monkeypatch.setattr(sumo_mover, "sumo_home", lambda: tmp_path)
-    only = ("--scenario", "merge", "--scenario", "crossing", "--workers", "1")
-    sweep = ("simulate", "traffic-sweep", *only, "--out", str(tmp_path))
-    done = automcm(*sweep, "--seeds", "3")
-    assert done.exit_code == 0 and len(ran) == 6
-    done = automcm(*sweep, "--seeds", "4")
-    assert done.exit_code == 1 and ran[6:] == [("merge", 3), ("crossing", 3)]
-    assert "merge, seed 3: 1 collisions by a maneuver" in done.stdout
-    assert "automcm simulate traffic --seed 3" in done.stdout
-    done = automcm(*sweep, "--seeds", "4", "--json", "-")
-    report = json.loads(done.stdout)
-    assert report["scenarios"]["crossing"]["runs"] == 4 and len(report["bad"]) == 2
-    page = tmp_path / "sweep.md"
-    automcm(*sweep, "--seeds", "4", "--page", str(page))
-    assert f"code {report['code']}" in page.read_text()
-    assert "--scenario merge --scenario crossing --seeds 4 --page FILE`" in page.read_text()
-    assert "| crossing | 4 | 1 |" in page.read_text()
-    assert "Repeat it: `automcm simulate traffic --seed 3" in page.read_text()
-    automcm(*sweep, "--seeds", "2", "--seed", "1", "--twice-every", "0", "--page", str(page))
-    assert "--seeds 2 --seed 1 --twice-every 0 --page" in page.read_text()
-    automcm(*sweep, "--seeds", "3", "--page", str(page))
-    assert "No run was bad." in page.read_text()
-    assert len(ran) == 8 and len(list((tmp_path / "cells").iterdir())) == 8
-
-
-def test_a_traffic_sweep_needs_sumo_and_known_scenarios(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "sumo", None)
-    done = automcm("simulate", "traffic-sweep", "--out", str(tmp_path))
-    assert done.exit_code == 3 and "pip install 'automcm[sumo]'" in done.output
-    done = automcm("simulate", "traffic-sweep", "--scenario", "fly", "--out", str(tmp_path))
-    assert done.exit_code == 2 and "lane-change-4" in done.output
-
-
-def test_logs_that_trace_explain_does_not_allow_are_named() -> None:
-    good = sorted((CORPUS / "pair").glob("*.ndjson"))
-    bad = CORPUS / "bad" / "busy_accepted.ndjson"
-    assert len(good) > 1 and traffic_sweep_command.not_allowed(good) == []
-    (line,) = traffic_sweep_command.not_allowed([bad])
-    assert line.startswith("busy_accepted.ndjson:") and line.endswith(": diverges")
 
 
 def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,7 +22,7 @@ FIG_9_S = 29.0
 LITTLE = 0.5
 """Braking up to this (m/s²) is "little or no deceleration"; assumed: the paper has no figure."""
 BOTH = ("with", "without")
-NAMES = {
+MODEL_NAMES = {
     "notice": "noticed that far from its lane's middle, m",
     "brake": "brakes at (at least), m/s²",
     "restart_s": "stands at least, s",
@@ -196,11 +196,6 @@ def names(report: Values) -> Values:
         "fast": both[50],
         "tried": s["tried"],
         "asked_s": [Plan().gain_m / speed_kmh * 3.6 for speed_kmh in SPEEDS_KMH],
-        "model_names": NAMES,
-        "near_s": NEAR_S,
-        "fig_9_s": FIG_9_S,
-        "little": LITTLE,
-        "paper": PAPER,
         "hows": HOWS,
         "ranges": ranges,
         "sumo_gain": sumo_gain,

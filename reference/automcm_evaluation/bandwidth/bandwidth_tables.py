@@ -328,12 +328,6 @@ def names(report: Values) -> Values:
         "lossy": drive(s, 4, lossy=True),
         "both_lossy": [(of, drive(s, of["vehicles"], lossy=True)) for of in (two, four)],
         "kinds": list(COLOURS),
-        "codecs": CODECS,
-        "forms": FORMS,
-        "cases": CASES,
-        "always": ALWAYS,
-        "marked": MARKED,
-        "rivals": RIVALS,
         "sent": sent,
         "least": min(s["etsi"]["ratio"], *carried),
         "counts": {kind: _ratio(two["count"], four["count"], kind) for kind in KINDS},
@@ -341,7 +335,6 @@ def names(report: Values) -> Values:
             kind: [_ratio(two["bytes"][n], four["bytes"][n], kind) for n in CODECS]
             for kind in KINDS
         },
-        "same": SAME,
         "savings": savings,
         "factors": factors,
         "takes": max(takes),

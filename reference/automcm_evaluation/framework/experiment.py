@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -62,7 +63,8 @@ class Experiment:
     run: Callable[[Values, int], Values]
     summary: Callable[[Sequence[Cell]], Values]
     names: Callable[[Values], Values]
-    """What the page and the claims use, besides ``names_of``; figures are named FIGURE.svg."""
+    """What the page and the claims use, besides ``names_of``.  The constants of its module are
+    names, too, in lower case; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
     """Name and drawing of each figure; only called if matplotlib is installed."""
 
@@ -92,7 +94,9 @@ class Experiment:
 
     def names_of(self, report: Values) -> Values:
         """The names that the page and the claims may use; ``s`` is the summary."""
-        usual = {"s": report["summary"], "settings": report["settings"], "wilson": wilson}
+        module = vars(sys.modules[self.names.__module__])
+        usual = {name.lower(): value for name, value in module.items() if name.isupper()}
+        usual |= {"s": report["summary"], "settings": report["settings"], "wilson": wilson}
         usual["seconds"] = lambda ms: f"{ms / 1000:g} s"
         return usual | {"all": all, "any": any, "zip": zip} | self.names(report)
 

@@ -217,13 +217,7 @@ def names(report: Values) -> Values:
         for r in s["udp"]
     ]
     return {
-        "t_timeouts": T_TIMEOUTS,
-        "classes": CLASSES,
         "model_names": NAMES,
-        "paper_knees": PAPER_KNEES,
-        "robust": ROBUST,
-        "robust_timeouts": ROBUST_TIMEOUTS,
-        "wanted": WANTED,
         "late": late,
         "later": halves == sorted(set(halves)),
         "fits": {name: [_fits(of[t], t) for t in T_TIMEOUTS] for name, of in by_model.items()}

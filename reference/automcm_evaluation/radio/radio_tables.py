@@ -131,10 +131,6 @@ def names(report: Values) -> Values:
     busy = [r["per_km"] for r in s["crowds"] if not r["control"] and r["busy"] > TARGET]
     return {
         "classes": CLASSES,
-        "models": MODELS,
-        "enough": ENOUGH,
-        "points": POINTS,
-        "target": TARGET,
         "worst": [worst(fitted, of) for fitted in (True, False) for of in ("arrived", "again")],
         "crowded_per_km": min(busy, default=None),
     }

@@ -7,14 +7,16 @@ from importlib import import_module
 from automcm_evaluation.framework.experiment import Experiment, ExperimentError
 
 NAMES = ("bandwidth", "arrival", "comfort", "loss", "safety", "radio", "traffic")
-MODULES = {"traffic": "traffic_experiment"}
-"""Where it is not the name: ``traffic`` is the package of the traffic itself."""
+"""Those of docs/evaluation."""
+MODULES = {name: f"{name}.{name}" for name in NAMES} | {
+    "traffic": "traffic_experiment.traffic_experiment",
+    "traffic-sweep": "traffic_experiment.traffic_sweep",
+}
 
 
 def experiment(name: str) -> Experiment:
     """The experiment with that name.  Raises ExperimentError."""
-    if name not in NAMES:
-        raise ExperimentError(f"there is no experiment {name!r}; there are: {', '.join(NAMES)}")
-    module = MODULES.get(name, name)
-    found: Experiment = import_module(f"automcm_evaluation.{module}.{module}").EXPERIMENT
+    if name not in MODULES:
+        raise ExperimentError(f"there is no experiment {name!r}; there are: {', '.join(MODULES)}")
+    found: Experiment = import_module(f"automcm_evaluation.{MODULES[name]}").EXPERIMENT
     return found

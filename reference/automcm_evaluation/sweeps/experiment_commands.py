@@ -68,6 +68,7 @@ ABOUT = {
     "safety": "Frequency and duration of hazards, and their bound (T-2).",
     "radio": "Success over a radio channel fitted to ns-3, and its fit.",
     "traffic": "Traffic in SUMO with and without stations, and crowds.",
+    "traffic-sweep": "Collisions, hazards and logs of many short runs in SUMO, which must be good.",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)
@@ -84,7 +85,9 @@ def all_(
     json_: Json = None,
 ) -> None:
     """Run all experiments and write one page of all claims."""
-    _run(list(ABOUT), profile, seed, out, [], workers, scheduler, again, json_)
+    from automcm_evaluation.sweeps.catalogue import NAMES
+
+    _run(list(NAMES), profile, seed, out, [], workers, scheduler, again, json_)
 
 
 @app.command(epilog=example("experiment render runs/evaluation"))
@@ -117,7 +120,7 @@ def _run(
 ) -> None:
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.sweeps import report, sweep
-    from automcm_evaluation.sweeps.catalogue import experiment
+    from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 
     with usage(ExperimentError):
         made = [experiment(name) for name in names]
@@ -145,7 +148,7 @@ def _run(
             if str(json_) != "-":
                 took = time.monotonic() - begun
                 _show(made_of_them, len(cells), took, [path.name for path in written], folder)
-        if len(reports) == len(ABOUT):
+        if len(reports) == len(NAMES):
             whole = out.with_suffix(".md")
             files.write(whole, report.evaluation(out))
             if str(json_) != "-":

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from automcm.applications.vehicle import LANE_WIDTH
 from automcm_evaluation.framework.experiment import ExperimentError, Values
@@ -28,6 +31,16 @@ ALONE = ("none", "cooperative")
 """Those without stations."""
 IN_LANE_M = 0.5
 """A vehicle so near to the middle of another lane has changed lanes."""
+
+
+def _known(scenario: str) -> str:
+    if scenario not in SCENARIOS:
+        raise ValueError(f"there is no such scenario; there are: {', '.join(SCENARIOS)}")
+    return scenario
+
+
+Scenario = Annotated[str, AfterValidator(_known)]
+"""The name of a scenario."""
 
 
 class LaneChangeCounter:

@@ -7,25 +7,18 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import (
-    Experiment,
-    ExperimentError,
-    Settings,
-    Values,
-    grid,
-)
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_evaluation.traffic_experiment import (
     crowd_sessions,
     traffic_cell,
     traffic_figures,
     traffic_tables,
 )
-from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Number = Annotated[int, Field(ge=1, le=500)]
 Block = tuple[
-    str,
+    traffic_cell.Scenario,
     Annotated[float, Field(gt=0, le=1000)],
     Annotated[tuple[Share, ...], Field(min_length=1)],
     Annotated[int, Field(ge=1, le=1000)],
@@ -53,15 +46,7 @@ class Scale(Settings):
 
 
 def cells(settings: Scale) -> list[Values]:
-    """By seed, so that an interrupted sweep has run all blocks with its first seeds.
-
-    Raises ExperimentError for an unknown scenario.
-    """
-    for name in (block[0] for block in settings.blocks):
-        if name not in SCENARIOS:
-            raise ExperimentError(
-                f"blocks: there is no scenario {name!r}; there are: {', '.join(SCENARIOS)}"
-            )
+    """By seed, so that an interrupted sweep has run all blocks with its first seeds."""
     s = settings
     found = grid(part="answers", receivers=s.receivers, early=(False, True), run_ms=s.receivers_ms)
     crowd = {"part": "all ask", "run_ms": s.stations_ms}

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Annotated, Any
 
-from automcm_evaluation.framework.experiment import PAGES, Cell, Values, canonical
+from pydantic import Field
+
+from automcm_evaluation.framework.experiment import (
+    Cell,
+    Experiment,
+    ExperimentError,
+    Settings,
+    Values,
+    canonical,
+)
+from automcm_evaluation.traffic_experiment.traffic_cell import Scenario
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
+from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_simulation.traffic_scenarios.traffic_run import RadioName, TrafficRun, wrong
-from automcm_spec.support import markdown, scratch
+from automcm_spec.support import scratch
+from automcm_traces.explain.explain import verdicts_of
 
 SECONDS = 30.0
 VEHICLES = 8, 14
@@ -21,8 +34,26 @@ PENETRATIONS = 0.3, 0.6, 1.0
 LOSSES = 0.0, 0.2, 0.4, 0.6, 0.75
 """At the highest CAMs are lost long enough for hazards."""
 
-Judge = Callable[[Sequence[Path]], list[str]]
-"""A line for each log that the specification does not allow."""
+
+class Sweep(Settings):
+    """The runs: each scenario with each seed."""
+
+    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1)] = tuple(SCENARIOS)
+    seeds: int = Field(default=20, ge=1)
+    first: int = Field(default=0, ge=0)
+    """The first seed."""
+    twice_every: int = Field(default=10, ge=0)
+    """The seeds that are multiples of it run twice, and the bytes are compared; 0: none."""
+
+
+def cells(settings: Sweep) -> list[Values]:
+    """By seed, so that an interrupted sweep has run all scenarios."""
+    every = settings.twice_every
+    return [
+        {"scenario": name, "seed": n, "twice": bool(every) and n % every == 0}
+        for n in range(settings.first, settings.first + settings.seeds)
+        for name in settings.scenarios
+    ]
 
 
 def drawn(scenario: str, seed: int) -> TrafficRun:
@@ -54,22 +85,26 @@ def command(run: TrafficRun) -> str:
     )
 
 
-def check(values: Values, judge: Judge) -> Values:
+def run(values: Values, seed: int = 0) -> Values:
     """Run ``values["scenario"]`` with ``values["seed"]``; with ``values["twice"]`` a second time.
 
     ``wrong`` has a line for everything that must not happen (traffic_run.wrong), for each log that
     is not allowed, for a repetition with other bytes, and for an exception that ended the run.
-    ``sha256`` is of the record and all logs.  Raises TrafficError without SUMO, OSError,
+    ``sha256`` is of the record and all logs.  Raises ExperimentError without SUMO, OSError,
     MemoryError.
     """
-    run = drawn(values["scenario"], values["seed"])
+    # Messages are lost on purpose: no warnings.
+    logging.getLogger("automcm.service").setLevel(logging.ERROR)
+    drawn_run = drawn(values["scenario"], values["seed"])
     try:
-        return _checked(run, values["twice"], judge)
-    except (TrafficError, OSError, MemoryError):  # of this machine, not of the run
+        return _checked(drawn_run, values["twice"])
+    except TrafficError as error:
+        raise ExperimentError(str(error)) from None
+    except (OSError, MemoryError):  # of this machine, not of the run
         raise
     except Exception as error:
         return {
-            "command": command(run),
+            "command": command(drawn_run),
             "wrong": [f"it broke off: {error!r}"],
             "collisions": dict.fromkeys(COLLISIONS, 0),
             **dict.fromkeys((*SUMS, "longest_ms"), 0),
@@ -78,59 +113,51 @@ def check(values: Values, judge: Judge) -> Values:
         }
 
 
-def _checked(run: TrafficRun, twice: bool, judge: Judge) -> Values:
-    record, digest, judged = _once(run, judge)
+def _checked(run: TrafficRun, twice: bool) -> Values:
+    record, digest, judged = _once(run)
     found = [*wrong(record), *judged]
-    if twice and _once(run, lambda logs: [])[1] != digest:
+    if twice and _once(run)[1] != digest:
         found.append("a second run of the same seed wrote other bytes")
     hazards = record["hazards"] or {"lengths": {}}
     lengths = [ms for each in hazards["lengths"].values() for ms in each]
-    collisions, sessions = record["collisions"], record["sessions"]
     return {
         "command": command(run),
         "wrong": found,
-        "collisions": collisions,
+        "collisions": record["collisions"],
         "hazards": len(lengths),
         "longest_ms": max(lengths, default=0),
-        "requested": sessions["requested"],
-        "agreed": sessions["agreed"],
-        "completed": sessions["completed"],
+        **{name: record["sessions"][name] for name in SUMS[:3]},
         "outcome": record["outcome"],
         "sha256": digest,
     }
 
 
-def _once(run: TrafficRun, judge: Judge) -> tuple[dict[str, Any], str, list[str]]:
-    """The record, its digest with the logs, and the judge's lines."""
+def _once(run: TrafficRun) -> tuple[dict[str, Any], str, list[str]]:
+    """The record, its digest with the logs, and the logs that are not allowed."""
     with scratch.folder("traffic-logs") as folder:
         record = run.record(run.drive(logs=folder))
         logs = sorted(folder.glob("*.ndjson"))
         digest = hashlib.sha256(canonical(record).encode())
         for log in logs:
             digest.update(f"\n{log.name}\n".encode() + log.read_bytes())
-        return record, digest.hexdigest(), judge(logs)
+        return record, digest.hexdigest(), not_allowed(logs)
 
 
-def wanted(scenarios: Sequence[str], seed: int, seeds: int, twice_every: int) -> list[Values]:
-    """The values of all runs, by seed, so that an interrupted sweep has run all scenarios.
-
-    ``twice_every``: the seeds that are multiples of it run twice; 0: none.
-    """
+def not_allowed(logs: Sequence[Path]) -> list[str]:
+    """A line for each log that ``trace explain`` does not allow."""
     return [
-        {"scenario": name, "seed": n, "twice": bool(twice_every) and n % twice_every == 0}
-        for n in range(seed, seed + seeds)
-        for name in scenarios
+        f"{Path(one.file).name}:{one.finding.at.line}: {one.verdict}"
+        for one in verdicts_of(logs)
+        if one.verdict != "allowed"
     ]
 
 
-def summary(cells: Sequence[Cell]) -> dict[str, Values]:
-    """Sums by scenario."""
+def summary(cells: Sequence[Cell]) -> Values:
+    """Sums by scenario; ``broken`` names the bad runs."""
     found: dict[str, Values] = {}
+    broken = []
     for cell in cells:
-        row = found.setdefault(
-            cell.values["scenario"],
-            dict.fromkeys(COLUMNS, 0),
-        )
+        row = found.setdefault(cell.values["scenario"], dict.fromkeys(COLUMNS, 0))
         result = cell.result
         row["runs"] += 1
         row["twice"] += cell.values["twice"]
@@ -139,25 +166,28 @@ def summary(cells: Sequence[Cell]) -> dict[str, Values]:
         for name in COLLISIONS:
             row[name] += result["collisions"][name]
         row["longest_ms"] = max(row["longest_ms"], result["longest_ms"])
-        row["wrong"] += bool(result["wrong"])
-    return found
-
-
-def page(report: Values) -> str:
-    """Markdown; ``report`` is that of ``--json``."""
-    return markdown.page(
-        PAGES / "traffic_sweep.md.j2",
-        r=report,
-        columns=COLUMNS,
-        seconds=SECONDS,
-        vehicles=VEHICLES,
-        densities=DENSITIES,
-        penetrations=PENETRATIONS,
-        losses=LOSSES,
-    )
+        if result["wrong"]:
+            row["wrong"] += 1
+            what = f"{cell.values['scenario']}, seed {cell.values['seed']}"
+            broken.append(f"{what}: {'; '.join(result['wrong'])} ({result['command']})")
+    return {"scenarios": found, "broken": broken}
 
 
 SUMS = "requested", "agreed", "completed", "hazards"
 COLLISIONS = "between_equipped", "by_maneuver", "with_pedestrian", "all"
 COLUMNS = "runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"
 """Of the summary of a scenario."""
+EXPERIMENT = Experiment(
+    name="traffic-sweep",
+    title="Many short runs in traffic",
+    settings=Sweep,
+    profiles={"quick": Sweep(), "standard": Sweep(seeds=1000)},
+    cells=cells,
+    run=run,
+    summary=summary,
+    names=lambda report: {
+        "runs": len(report["cells"]),
+        "run_s": SECONDS,
+    },
+    figures=lambda report: iter(()),
+)

@@ -15,7 +15,7 @@ import pytest
 from cli_stage import AUTOMCM, automcm
 
 from automcm_evaluation.sweeps import experiment_commands, report
-from automcm_evaluation.sweeps.catalogue import NAMES
+from automcm_evaluation.sweeps.catalogue import MODULES
 from automcm_maintenance.documents import generated_files
 from automcm_simulation.road import figures
 
@@ -40,7 +40,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_command_for_each_experiment() -> None:
-    assert tuple(experiment_commands.ABOUT) == NAMES
+    assert tuple(experiment_commands.ABOUT) == tuple(MODULES)
 
 
 @pytest.mark.slow

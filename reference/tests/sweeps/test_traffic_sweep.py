@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,16 @@ from typing import Any
 import pytest
 from traffic_stage import traffic
 
-from automcm_evaluation.framework.experiment import Cell
-from automcm_evaluation.sweeps import traffic_sweep
-from automcm_evaluation.sweeps.traffic_sweep import COLLISIONS
+from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.sweeps import report
+from automcm_evaluation.traffic_experiment import traffic_sweep
+from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS, Sweep
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic import Traffic
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
 
+CORPUS = Path(__file__).parents[3] / "traces" / "corpus"
 Change = Callable[[dict[str, Any]], None]
 
 
@@ -47,20 +50,13 @@ def staged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(traffic_sweep, "drawn", drawn)
 
 
-def check(twice: bool = False, judge: traffic_sweep.Judge = lambda logs: []) -> dict[str, Any]:
-    return traffic_sweep.check({"scenario": "lane-change", "seed": 5, "twice": twice}, judge)
+def check(twice: bool = False) -> dict[str, Any]:
+    return traffic_sweep.run({"scenario": "lane-change", "seed": 5, "twice": twice})
 
 
 def test_a_good_run_has_nothing_wrong_and_repeats() -> None:
-    judged: list[list[str]] = []
-
-    def judge(logs: Sequence[Path]) -> list[str]:
-        judged.append([log.name for log in logs])
-        return []
-
-    found = check(twice=True, judge=judge)
+    found = check(twice=True)
     assert found["wrong"] == [] and found["sha256"] == check()["sha256"]
-    assert judged == [["1.ndjson", "2.ndjson", "3.ndjson", "4.ndjson"]]
 
 
 @pytest.mark.sweep(2)
@@ -98,8 +94,20 @@ def test_a_record_without_stations_has_no_hazards() -> None:
     assert wrong({"collisions": collisions, "hazards": None}) == []
 
 
-def test_a_log_that_is_not_allowed_is_wrong() -> None:
-    assert check(judge=lambda logs: ["2.ndjson:7: diverges"])["wrong"] == ["2.ndjson:7: diverges"]
+def test_a_log_that_is_not_allowed_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    good = sorted((CORPUS / "pair").glob("*.ndjson"))
+    assert len(good) > 1 and traffic_sweep.not_allowed(good) == []
+    bad = traffic_sweep.not_allowed([CORPUS / "bad" / "busy_accepted.ndjson"])
+    assert [re.sub(r"\d+", "7", line) for line in bad] == ["busy_accepted.ndjson:7: diverges"]
+    judged: list[list[str]] = []
+
+    def not_allowed(logs: Sequence[Path]) -> list[str]:
+        judged.append([log.name for log in logs])
+        return bad
+
+    monkeypatch.setattr(traffic_sweep, "not_allowed", not_allowed)
+    assert check()["wrong"] == bad
+    assert judged == [["1.ndjson", "2.ndjson", "3.ndjson", "4.ndjson"]]
 
 
 def test_other_bytes_of_the_same_seed_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,12 +126,14 @@ def test_a_run_that_breaks_off_is_wrong_and_ends_no_sweep(monkeypatch: pytest.Mo
     assert found.keys() == good.keys() and found["command"] == good["command"]
 
 
-@pytest.mark.parametrize("error", [TrafficError("SUMO is missing"), OSError("full"), MemoryError()])
+@pytest.mark.parametrize(
+    "error", [ExperimentError("SUMO is missing"), OSError("full"), MemoryError()]
+)
 def test_what_is_missing_on_this_machine_is_not_a_bad_run(
     error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def missing(record: dict[str, Any]) -> None:
-        raise error
+        raise TrafficError(str(error)) if isinstance(error, ExperimentError) else error
 
     monkeypatch.setattr(Staged, "change", staticmethod(missing))
     with pytest.raises(type(error)):
@@ -131,22 +141,38 @@ def test_what_is_missing_on_this_machine_is_not_a_bad_run(
 
 
 def test_all_scenarios_run_with_the_first_seeds_and_every_nth_seed_twice() -> None:
-    wanted = traffic_sweep.wanted(["a", "b"], 9, 2, 10)
-    assert [(v["scenario"], v["seed"], v["twice"]) for v in wanted] == [
-        *(("a", 9, False), ("b", 9, False), ("a", 10, True), ("b", 10, True)),
+    two = Sweep(scenarios=("merge", "crossing"), first=9, seeds=2)
+    assert [(v["scenario"], v["seed"], v["twice"]) for v in traffic_sweep.cells(two)] == [
+        *(("merge", 9, False), ("crossing", 9, False), ("merge", 10, True), ("crossing", 10, True)),
     ]
-    assert not any(v["twice"] for v in traffic_sweep.wanted(["a"], 0, 2, 0))
+    assert not any(v["twice"] for v in traffic_sweep.cells(Sweep(seeds=2, twice_every=0)))
+    with pytest.raises(ExperimentError, match=r"scenarios.0: 'fly': .*lane-change-4"):
+        traffic_sweep.EXPERIMENT.set("quick", {"scenarios": ["fly"]})
 
 
 def test_the_summary_adds_up_by_scenario() -> None:
     result = check() | {"hazards": 2, "longest_ms": 7, "wrong": ["x", "y"]}
     result["collisions"] = dict(zip(COLLISIONS, (1, 2, 3, 4), strict=True))
-    values = traffic_sweep.wanted(["merge"], 0, 2, 2)
+    values = traffic_sweep.cells(Sweep(scenarios=("merge",), seeds=2, twice_every=2))
     found = traffic_sweep.summary(
         [Cell(values[0], result), Cell(values[1], result | {"longest_ms": 5, "wrong": []})]
     )
-    assert found["merge"] == {
+    assert found["broken"] == [f"merge, seed 0: x; y ({result['command']})"]
+    assert found["scenarios"]["merge"] == {
         **{"runs": 2, "twice": 1, "hazards": 4, "longest_ms": 7, "wrong": 1},
         **dict(zip(COLLISIONS, (2, 4, 6, 8), strict=True)),
         **{name: 2 * result[name] for name in ("requested", "agreed", "completed")},
     }
+
+
+def test_the_page_names_the_bad_runs() -> None:
+    result = check() | {"wrong": ["x"]}
+    cells = [Cell(values, result) for values in traffic_sweep.cells(Sweep(seeds=1))]
+    about = {"experiment": "traffic-sweep", "profile": "quick", "seed": 1, "version": "0"}
+    about["settings"] = Sweep(seeds=1).model_dump(mode="json")
+    page = report.page(report.assemble(traffic_sweep.EXPERIMENT, about, cells))
+    assert "| no run in traffic is bad | - | 7 of 7 runs are | **not reproduced** |" in page
+    assert "| crossing | 1 | 1 |" in page and f"merge, seed 0: x ({result['command']})" in page
+    assert "--set seeds=1" in page
+    good = [Cell(cell.values, check()) for cell in cells[:1]]
+    assert "No run was bad." in report.page(report.assemble(traffic_sweep.EXPERIMENT, about, good))
