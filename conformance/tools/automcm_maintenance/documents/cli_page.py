@@ -16,6 +16,8 @@ from automcm_spec.support import markdown
 _CODE_OR_MARK = re.compile(r"(`[^`]*`|\*\*|^\*)|[<*]", re.MULTILINE)
 """Code and marks of Markdown, or a character that would be taken for one."""
 
+_EXAMPLE = re.compile(r"^Example: (.+?)\.(?:  (.+))?$", re.MULTILINE)
+
 
 def texts() -> dict[str, str]:
     """The pages by name: one for each group of commands, and one of the others."""
@@ -27,6 +29,7 @@ def texts() -> dict[str, str]:
     for name, command in sorted(main.commands.items()):
         text = get_docs_for_click(obj=command, ctx=context, name=name, call_prefix="automcm")
         text = _CODE_OR_MARK.sub(lambda m: m[1] or {"<": "&lt;", "*": r"\*"}[m[0]], text)
+        text = _EXAMPLE.sub(lambda m: f"Example:\n\n    {m[1]}\n\n{m[2] or ''}", text)
         if hasattr(command, "commands"):
             pages[f"cli-{name}.md"] = text
         else:
