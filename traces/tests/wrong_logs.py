@@ -204,3 +204,17 @@ def a_message_comes_first_at_the_instant_of_a_timer(r: Records) -> int:
     message = ack | {"of": {"type": "Fin", "seq": 9}}
     r.insert(n, {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "receive", "message": message})
     return n + 1
+
+
+@wrong(RECEIVER, "END-5")
+def end_5_a_message_without_a_session_is_not_reported(r: Records) -> int:
+    n = find(r, "receive", type="Prescription")
+    del r[n]["message"]["session"]
+    return n + 1
+
+
+@wrong(RECEIVER)
+def a_timer_expires_whose_message_is_not_told(r: Records) -> int:
+    n = find(r, "timer", op="expire", name="resend")
+    del r[n]["timer"]["message"]
+    return n + 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import pytest
 from bridge_stage import (
     BRIDGED,
@@ -152,28 +150,6 @@ async def test_an_open_question_is_asked_again() -> None:
         async with client(world, "state", "proposal", "drive") as it:
             await it.until("drive", mode="coordinated")
             assert not [f for f in it.seen if f.get("topic", "").endswith("proposal")]
-
-
-@pytest.mark.slow  # in real time
-@pytest.mark.parametrize("connected", [False, True])
-async def test_silent_driving_software_frees_the_peer(connected: bool) -> None:
-    """END-1, whether it is gone or only says nothing any more."""
-
-    other = Recorder(maneuver_ms=60_000)
-    async with World(other) as world:
-        async with client(world, "state", "drive", "proposal") as it:
-            await committed(world, it)
-        async with contextlib.AsyncExitStack() as stack:
-            if connected:
-                silent = client(world, "drive", drives=False)
-                await (await stack.enter_async_context(silent)).publish(
-                    "kinematics", **here(0.0, 0.0)
-                )
-            await holds(lambda: other.names() == ["load", "fallback"])
-            assert other.told[-1] == ("fallback", (OTHER, 1), "abort")
-            await holds(lambda: not world.bridged.state.bound)
-        async with client(world, "drive") as it:
-            await it.until("drive", mode="alone", reason="no_driver")
 
 
 def test_nobody_ever_drove() -> None:

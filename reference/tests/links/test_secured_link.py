@@ -146,7 +146,7 @@ def stale(simulation: SecuredSimulation, rng: random.Random) -> bytes:
 
 
 ATTACKS: tuple[Attack, ...] = (forged, insider, changed, replayed, stale)
-EACH = 300
+EACH = 150
 
 
 def attacked(seed: int, logs: Path) -> Counter[str]:

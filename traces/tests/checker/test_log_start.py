@@ -85,15 +85,6 @@ def test_no_cut_of_the_corpus_diverges(seed: int, tmp_path: Path) -> None:
     assert reached
 
 
-@pytest.mark.slow
-def test_no_cut_of_the_corpus_diverges_at_any_event(tmp_path: Path) -> None:
-    for file in GOOD:
-        lines = records(CORPUS / file)
-        for cut in range(1, len(lines) - 2):
-            verdict = judged(tmp_path, lines, cut)
-            assert verdict.verdict == "cannot_tell", (file, cut, text(verdict))
-
-
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", [0, 1, 2, 1006, 1026, 1027])  # the last restart in the pause
 def test_a_cut_log_is_judged_after_a_pause(seed: int, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Logs that are nearly right: what both engines must say, and that nothing of them is lost."""
+"""Logs that are nearly right: what must be said of them, and that nothing of them is lost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tlc_engine
 from jsonschema import Draft202012Validator
 
 from automcm_spec.log_format.log import RECORD
@@ -61,7 +60,6 @@ def test_same() -> None:
     assert not same([1], [1, 2]) and not same({"a": 1}, {"b": 1})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("values", [(1, 1, True), (True, 1), (0, 0, False)])
 def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     right = changed(tmp_path / "right.ndjson", lane(values[1]))
@@ -69,7 +67,6 @@ def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     assert verdict_of(right).verdict == "allowed"
     found = verdict_of(path)
     assert (found.verdict, "details" in found.finding.observed) == ("diverges", True)
-    assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
 
 def test_true_received_where_1_was_sent_is_forged(tmp_path: Path) -> None:
@@ -131,7 +128,6 @@ def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
     assert report(path).verdict == "clean"
     found = verdict_of(path)
     assert (found.verdict, found.finding.observed) == ("diverges", "expire resend: not armed")
-    assert tlc_engine.explain_each([path])[0].finding.at.line == found.finding.at.line
 
 
 @pytest.fixture
