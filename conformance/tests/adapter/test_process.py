@@ -243,20 +243,36 @@ def test_a_program_that_breaks_is_named_for_it(how: str) -> None:
     assert says in str(error)
 
 
-def test_its_children_end_with_it() -> None:
-    code = FORK.format(first="print(os.getpid(), flush=True)") + "time.sleep(60)"
-    with start(code) as child:
+BEGETS = """
+import os, sys, time
+sys.stdin.readline()
+if os.fork() == 0:
+    {first}
+    print(os.getpid(), flush=True)
+    {then}
+sys.stdin.readline()
+"""
+SETSID = "os.setsid()"
+TWICE = f"{SETSID}\n    if os.fork(): os._exit(0)"
+SLEEP = "time.sleep(60)"
+DESCENDANTS = {
+    "a child": ("pass", SLEEP),
+    "of another session": (SETSID, SLEEP),
+    "whose parent has ended": (TWICE, SLEEP),
+    "with an empty environment": (TWICE, 'os.execve("/bin/sleep", ["sleep", "60"], {})'),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
+@pytest.mark.parametrize("stops", [False, True])
+@pytest.mark.parametrize("how", DESCENDANTS)
+def test_its_descendants_end_with_it(how: str, stops: bool) -> None:
+    first, then = DESCENDANTS[how]
+    with start(BEGETS.format(first=first, then=then)) as child:
         pid = int(child.exchange([LINE])[0])
         assert alive(pid)
-    assert gone(pid)
-
-
-def test_its_children_end_after_a_clean_stop() -> None:
-    code = FORK.format(first="print(os.getpid(), flush=True)") + "input()"
-    with start(code) as child:
-        pid = int(child.exchange([LINE])[0])
-        assert child.stop() is None
-    assert gone(pid)
+        assert not stops or child.stop() is None
+    assert gone(pid) and not child.left
 
 
 def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody(
@@ -344,51 +360,6 @@ while True:
         assert tracemalloc.get_traced_memory()[1] < 8 << 20
     finally:
         tracemalloc.stop()
-
-
-DAEMONS = """
-import os, sys, time
-sys.stdin.readline()
-if os.fork() == 0:
-    os.setsid()
-    if {twice} and os.fork():
-        os._exit(0)
-    print(os.getpid(), flush=True)
-    time.sleep(600)
-time.sleep(600)
-"""
-
-
-NAMELESS = """
-import os, sys
-sys.stdin.readline()
-if os.fork() == 0:
-    os.setsid()
-    if os.fork():
-        os._exit(0)
-    print(os.getpid(), flush=True)
-    os.execve("/bin/sleep", ["sleep", "600"], {})
-sys.stdin.readline()
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
-@pytest.mark.parametrize("stops", [False, True])
-def test_a_daemon_with_an_empty_environment_ends_too(stops: bool) -> None:
-    with start(NAMELESS) as child:
-        (pid,) = map(int, child.exchange([b"go\n"]))
-        assert alive(pid)
-        assert not stops or child.stop() is None
-    assert gone(pid) and not child.left
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
-@pytest.mark.parametrize("twice", [False, True])
-def test_a_child_that_calls_setsid_ends_too(twice: bool) -> None:
-    with start(DAEMONS.format(twice=twice)) as child:
-        (pid,) = map(int, child.exchange([b"go\n"]))
-        assert alive(pid)
-    assert gone(pid) and not child.left
 
 
 def test_a_child_that_cannot_be_ended_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

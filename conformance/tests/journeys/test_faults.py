@@ -43,7 +43,11 @@ def test_end_1_a_cell_in_which_the_acting_prescriber_is_told_to_stop(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "fault", ["standard output: closed", "standard output: no space", "select fails", "SIGKILL"]
+    "fault",
+    [
+        *("standard output: closed", "standard output: no space", "standard output: blocks"),
+        *("select fails", "SIGKILL", "SIGSTOP"),
+    ],
 )
 def test_a_fault_while_a_station_acts_does_what_the_page_says(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

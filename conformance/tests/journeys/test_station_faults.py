@@ -42,23 +42,6 @@ def pair(on: Road, victim: int, *args: str, **more: Any) -> tuple[Running, Runni
     return on.prescriber("--maneuver", "1500", *args, **more), receiver
 
 
-@pytest.mark.slow
-@BOTH
-def test_reports_that_nobody_reads_hold_nothing(victim: int, tmp_path: Path) -> None:
-    with road(tmp_path) as on:
-        unread, peer = pair(on, victim, full=True)
-        peer.until(event="phase", phase="ACTUATING")
-        peer.until(event="phase", phase="STANDALONE")
-        unread.signal(signal.SIGTERM)
-        assert unread.wait() == 0
-        errors = unread.errors()
-    assert "reports were lost" in errors
-    log = read(on.log(victim))
-    assert log.end is not None and log.end.lost_records == 0
-    assert "ACT-3" in {e.rule for _, e in log.events}
-    assert sent(on.log(victim), "CAM")[-1]["t_ms"] > log.events[-1][1].t_ms - 200
-
-
 def test_reports_that_nobody_reads_do_not_put_off_the_end(tmp_path: Path) -> None:
     with road(tmp_path) as on:
         unread = on.station(RECEIVER, "--for", "100", full=True)
@@ -208,30 +191,6 @@ def test_a_log_without_room_for_its_header_is_no_start(tmp_path: Path) -> None:
     )
     assert done.returncode == 3 and f"{log}: the log cannot be written" in done.stderr
     assert done.stdout == "" and not log.exists()
-
-
-@pytest.mark.slow
-@BOTH
-def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_it_was(
-    victim: int, tmp_path: Path
-) -> None:
-    with road(tmp_path) as on:
-        away, peer = pair(on, victim, *(["--maneuver", "20000"] if victim == PRESCRIBER else []))
-        away.until(event="phase", phase="ACTUATING")
-        peer.until(event="phase", phase="ACTUATING")
-        away.signal(signal.SIGSTOP)
-        peer.until(event="phase", phase="STANDALONE", rule="ACT-2")
-        peer.until(event="given_up")  # its Cancel
-        away.signal(signal.SIGCONT)
-        assert away.until(event="phase", phase="STANDALONE")["rule"] == "ACT-2"
-        away.signal(signal.SIGTERM)
-        assert away.wait() == 0
-    late = max(events(on.log(victim)), key=lambda e: e.get("late_ms", 0))
-    last = sent(on.log(victim), "CAM")
-    before = [cam["t_ms"] for cam in last if cam["t_ms"] < late["t_ms"]]
-    assert late["late_ms"] > 1500 and late["ev"] == "timer"
-    # When the next CAM was due; the delay is read some ms before the record.
-    assert late["t_ms"] - late["late_ms"] - before[-1] <= 105
 
 
 def test_what_is_said_of_a_closed_standard_output_goes_nowhere_else(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from broken_stations import broken
-from cli_stage import AUTOMCM, REFERENCE, automcm, broadcast
+from broken_stations import REFERENCE, broken
+from cli_stage import AUTOMCM, automcm, broadcast
 from live_stage import BY_NAME, JITTER, STATION, Json, Radio, World, fair, judge, only, session
 from live_stage import oracle as oracle
 

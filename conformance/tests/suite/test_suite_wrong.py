@@ -77,8 +77,7 @@ def test_a_way_that_goes_wrong_is_inconclusive(conform: Suite) -> None:
     assert found.exit_code == 4
 
 
-@pytest.mark.slow
-def test_a_refused_input_that_changes_something_is_blamed(conform: Suite) -> None:
+def test_a_refused_input_that_changes_something_is_blamed_and_nobody_else(conform: Suite) -> None:
     secret = """
 poisoned = False
 def answer(c):
@@ -100,28 +99,6 @@ def answer(c):
     assert case.verdict == "FAIL" and "an input before it, which must change nothing" in case.reason
     assert of(found, ACCEPTS).verdict == of(found, "AMCM/RCV/ADV/BV-01").verdict == "PASS"
     assert {failure.rule for failure in case.failures} == {"PRE-5"}
-
-
-def test_nobody_else_is_blamed_for_what_was_changed_before(conform: Suite) -> None:
-    """A refusal that changed something is blamed for later failures that it causes, and the
-    later inputs are not."""
-    secret = """
-poisoned = False
-def answer(c):
-    global poisoned
-    if c["cmd"] == "reset":
-        poisoned = False
-    if c["cmd"] == "command":
-        if c["command"]["name"] == "refuse" and c["command"]["session"] == [999, 17]:
-            poisoned = True
-        if c["command"]["name"] == "accept" and poisoned:
-            c = {"cmd": "advance", "now": c["now"]}
-    return right(c)
-"""
-    culprits = ("AMCM/STA/CMD/BI-01", "AMCM/RCV/PRE/BI-03", "AMCM/RCV/CMD/BI-02")
-    found = conform(station(secret), *culprits, ACCEPTS, states=60)
-    assert "FAIL" in [of(found, name).verdict for name in culprits]
-    assert of(found, ACCEPTS).verdict in ("PASS", "INCONC")
 
 
 # -- what changes something in secret
