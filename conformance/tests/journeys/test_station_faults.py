@@ -142,20 +142,6 @@ def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
-    log = tmp_path / "log.ndjson"
-    args = [*AUTOMCM, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]
-    starts = []
-    for _ in range(3):
-        done = subprocess.run(args, capture_output=True, text=True, check=True)
-        starts.append(json.loads(done.stdout.splitlines()[0])["log"])
-    names = ["log.ndjson", "log.2.ndjson", "log.3.ndjson"]
-    assert starts == [str(tmp_path / name) for name in names]
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
-    assert all(read(tmp_path / name).ended for name in names)
-
-
-@pytest.mark.slow
 def test_two_stations_on_one_path_write_two_logs(tmp_path: Path) -> None:
     args = ["station", "--listen", "0", "--log", str(tmp_path / "log"), "--first"]
     with road(tmp_path) as on:

@@ -1,4 +1,4 @@
-"""The test vectors: each catches the bug it names, and the reference agrees with all."""
+"""The test vectors: each catches the bug it names; test_vectors.py has all with the reference."""
 
 from __future__ import annotations
 
@@ -31,12 +31,6 @@ def test_every_vector_catches_the_bug_it_names(case: vectors.Case) -> None:
 
 def test_no_bug_is_left_without_a_vector() -> None:
     assert set(FAULTS) == {f"{case.kernel}/{BUGS[case.id]}" for case in CASES}
-
-
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
-def test_the_reference_agrees(case: vectors.Case) -> None:
-    [result] = vectors.check(vector_adapter.call, [case])
-    assert result.ok, result.problem
 
 
 def test_at_least_fifteen_of_each_kernel_with_errors_among_them() -> None:
