@@ -107,13 +107,6 @@ def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path
     assert judged["S-4"] == "violated"
 
 
-@pytest.mark.slow
-def test_the_same_logs_give_the_same_bytes() -> None:
-    paths = [CORPUS / "bad/lease_longer.ndjson"]
-    texts = [[log.text() for log in shrink(paths).logs] for _ in range(2)]
-    assert texts[0] == texts[1]
-
-
 def test_what_is_left_is_moved_together() -> None:
     """A round that is left out leaves no gap: not in time, not in seq, not in proposals."""
     (log,) = shrink([CORPUS / "bad/another_trajectory.ndjson"]).logs

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -12,20 +11,16 @@ import pytest
 from edits import Edited, edited, find
 from merged_runs import simulated
 
-from automcm.links.simulated_radio import Channel, Radio
-from automcm_simulation.road.simulation import Simulation
-from automcm_simulation.road.straight_lane import Straight
+from automcm.links.simulated_radio import Radio
 from automcm_spec.log_format import reader
 from automcm_spec.log_format.log import Event
 from automcm_spec.log_format.reader import read
-from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import (
     exit_code,
     explain,
     judged_log,
-    text,
     together,
     verdict_of,
     verdicts_of,
@@ -101,25 +96,6 @@ def test_how_late_a_timer_may_be_can_be_told(
     """A log in which everything from the first expiry on is 60 ms later."""
     late = edited(logs[0], tmp_path, later(find(logs[0], "timer", op="expire"), 60))
     assert verdicts_of([late], late_ms)[0].verdict == verdict
-
-
-@pytest.mark.slow
-def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None:
-    for seed in range(4):
-        chance = random.Random(seed)
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        simulation = Simulation(seed=seed, channel=Channel(loss=0.3, duplicate=0.2), logs=folder)
-        for station in range(11, 17):
-            driver = Straight(refuse_first=chance.choice([0, 1, 2]), maneuver_ms=2000)
-            simulation.add(station, driver, Parameters(t_cam=500))
-        for _ in range(4):
-            simulation.request(chance.randrange(11, 17), at=chance.randrange(12_000))
-        simulation.restart(chance.randrange(11, 17), at=chance.randrange(3000, 9000))
-        simulation.command(12, Abort(session=(11, 1)), at=4000)
-        simulation.run(until=25_000)
-        verdicts = verdicts_of(sorted(folder.iterdir()))
-        assert [text(v) for v in verdicts if v.verdict != "allowed"] == []
 
 
 def test_the_small_log_of_the_page_is_what_it_says(tmp_path: Path) -> None:
