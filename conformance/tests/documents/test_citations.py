@@ -32,7 +32,7 @@ def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
 
 def test_a_cell_names_the_first_and_the_number_of_others() -> None:
     (row,) = [line for line in citations.table(ROOT).splitlines() if line.startswith("| KIN-3 |")]
-    assert "| [`collide.json`](../conformance/vectors/collide.json) +1 |" in row and "|  |" in row
+    assert "| [`collide`](../conformance/vectors/collide.json#L3) +1 |" in row and "|  |" in row
 
 
 STEPS = {"ADV-1", "ADV-2", "PRE-1", "PRE-3", "NEG-2", "NEG-8"}

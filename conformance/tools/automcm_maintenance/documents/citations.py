@@ -15,6 +15,7 @@ from automcm_spec.vocabulary.rules import OPERATOR, RULES
 
 _MODEL = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
 _METHOD = re.compile(r"^    def (\w+)\(", re.MULTILINE)
+_KERNEL = re.compile(r'^  "kernel": "(\w+)",$', re.MULTILINE)
 _CASE = re.compile(r'^id = "(.+)"$', re.MULTILINE)
 PLACES: dict[str, list[tuple[str, re.Pattern[str] | None]]] = {
     "specification": [("spec/tla/Station.tla", OPERATOR), ("spec/tla/*.tla", OPERATOR)],
@@ -28,7 +29,7 @@ PLACES: dict[str, list[tuple[str, re.Pattern[str] | None]]] = {
         ("spec/automcm_spec/vocabulary/station.py", _METHOD),
         ("traces/automcm_traces/**/*.py", None),
     ],
-    "vector": [("conformance/vectors/*.json", None)],
+    "vector": [("conformance/vectors/*.json", _KERNEL)],
     "counterexample": [("traces/counterexamples/*.itf.json", None)],
     "test": [(f"{n}/tests/**/*.py", None) for n in ("spec", "reference", "traces", "conformance")],
 }
