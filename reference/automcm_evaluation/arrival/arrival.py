@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from random import Random
+from statistics import fmean as mean
 from typing import Annotated
 
 from pydantic import Field
@@ -27,8 +28,8 @@ from automcm_evaluation.framework.experiment import (
     blocks,
     columns,
     grid,
+    profiles,
 )
-from automcm_evaluation.framework.intervals import mean
 from automcm_simulation.road.drive import FourVehicles, arrival_s
 from automcm_simulation.road.simulation import Simulation
 
@@ -258,19 +259,7 @@ EXPERIMENT = Experiment(
     name="arrival",
     title="Arrival with coordination and without (VI-B, Fig. 8)",
     settings=ArrivalSetting,
-    profiles={
-        "quick": ArrivalSetting(
-            trials=10,
-            draws=1,
-            notices=(0.2, 0.5, 1.75),
-            brakes=(3.0, 6.0),
-            restarts_s=(0.0, 1.5, 3.0),
-            restart_gaps=(20.0, 45.0, 80.0),
-            accelerations=(1.0, 1.5, 2.5),
-            sumo=False,
-        ),
-        "standard": ArrivalSetting(),
-    },
+    profiles=profiles("arrival", ArrivalSetting),
     cells=cells,
     run=run,
     summary=summary,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain
+from statistics import fmean as mean
 
 from automcm.applications.lane_change import Plan
 from automcm_evaluation.arrival.sumo import HOWS
 from automcm_evaluation.framework.experiment import Cell, Json, Values, chosen, columns
-from automcm_evaluation.framework.intervals import Z, mean, quantile
+from automcm_evaluation.framework.intervals import Z, quantile
 
 SPEEDS_KMH = (30, 50)
 PAPER = {30: (5.0, 0.15), 50: (7.0, 0.28)}

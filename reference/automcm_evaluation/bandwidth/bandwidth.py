@@ -15,7 +15,14 @@ from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
 from automcm_evaluation.bandwidth.bandwidth_figures import figures
 from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS, names, summary
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
+from automcm_evaluation.framework.experiment import (
+    Experiment,
+    Settings,
+    Values,
+    blocks,
+    grid,
+    profiles,
+)
 from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -114,10 +121,7 @@ EXPERIMENT = Experiment(
     name="bandwidth",
     title="Bytes on the air, event-driven and always on (Fig. 7)",
     settings=Bandwidth,
-    profiles={
-        "quick": Bandwidth(),
-        "standard": Bandwidth(trials=20, vehicles=(2, 4, 8, 16, 32, 50), maneuvers=3),
-    },
+    profiles=profiles("bandwidth", Bandwidth),
     cells=cells,
     run=run,
     summary=summary,

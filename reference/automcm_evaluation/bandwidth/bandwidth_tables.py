@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean as mean
 
 from automcm.applications.lane_change import Plan
 from automcm.applications.vehicle import ROAD_M
@@ -17,7 +18,7 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
     SPEED_KMH,
 )
 from automcm_evaluation.framework.experiment import Cell, Values, chosen
-from automcm_evaluation.framework.intervals import mean, wilson
+from automcm_evaluation.framework.intervals import wilson
 from automcm_simulation.radio.propagation import HEADER_BYTES, HEADERS
 from automcm_spec.vocabulary.parameters import Parameters
 

@@ -39,7 +39,7 @@ from automcm_evaluation.comfort.comfort_measures import (
     lost,
     slowed,
 )
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -190,7 +190,7 @@ EXPERIMENT = Experiment(
     name="comfort",
     title="Speeds and comfort (Fig. 6, III-D)",
     settings=Comfort,
-    profiles={"quick": Comfort(trials=1, faults_kmh=(30,)), "standard": Comfort()},
+    profiles=profiles("comfort", Comfort),
     cells=cells,
     run=run,
     summary=comfort_tables.summary,

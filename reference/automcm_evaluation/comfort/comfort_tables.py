@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean as mean
 
 from automcm.applications.lane_change import Plan
 from automcm.applications.vehicle import Driving, LateBraking
 from automcm_evaluation.comfort.comfort_courses import COURSES, PRESCRIBER, STAGES, B, C
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
 from automcm_evaluation.framework.experiment import Cell, Values, chosen
-from automcm_evaluation.framework.intervals import mean
 
 TITLES = {
     "undisturbed": "undisturbed",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -36,6 +37,15 @@ class Settings(BaseModel):
     """The settings of an experiment.  Each field has a range, and a value in each profile."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def profiles(name: str, settings: type[S]) -> dict[str, S]:
+    """The profiles of an experiment: pages/profiles.toml."""
+    table = tomllib.loads((PAGES / "profiles.toml").read_text(encoding="utf-8"))
+    return {profile: settings.model_validate(given) for profile, given in table[name].items()}
 
 
 @dataclass(frozen=True, slots=True)

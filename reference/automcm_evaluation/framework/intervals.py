@@ -28,10 +28,3 @@ def quantile(values: Sequence[float], share: float) -> float:
     low = math.floor(at)
     high = min(low + 1, len(ordered) - 1)
     return ordered[low] + (at - low) * (ordered[high] - ordered[low])
-
-
-def mean(values: Sequence[float]) -> float:
-    """The mean, summed exactly so that order does not matter; ValueError of none."""
-    if not values:
-        raise ValueError("a mean requires at least one value")
-    return math.fsum(values) / len(values)

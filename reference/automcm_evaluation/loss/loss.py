@@ -18,6 +18,7 @@ from automcm_evaluation.framework.experiment import (
     Values,
     blocks,
     grid,
+    profiles,
 )
 from automcm_evaluation.loss import loss_figures, loss_road, loss_sessions, loss_udp
 from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, names, summary
@@ -101,21 +102,7 @@ EXPERIMENT = Experiment(
     name="loss",
     title="Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)",
     settings=Loss,
-    profiles={
-        "quick": Loss(
-            road=4,
-            road_losses=(0, 10, 30, 50, 60, 70, 80, 90),
-            sessions=100,
-            fine=40,
-            bursts_ms=(1000,),
-            in_bursts=40,
-            timeouts=(0, 300, 1000, 2000),
-            cost_losses=(20, 60),
-            cost=60,
-            udp=0,
-        ),
-        "standard": Loss(),
-    },
+    profiles=profiles("loss", Loss),
     cells=cells,
     run=run,
     summary=summary,

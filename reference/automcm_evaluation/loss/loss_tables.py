@@ -6,9 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from statistics import fmean as mean
 
 from automcm_evaluation.framework.experiment import Cell, Values, agreed_share, chosen, groups
-from automcm_evaluation.framework.intervals import mean, wilson
+from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.loss.loss_sessions import BIN_MS
 from automcm_simulation.radio import success
 from automcm_spec.vocabulary.parameters import Parameters

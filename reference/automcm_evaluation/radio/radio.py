@@ -10,7 +10,14 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
+from automcm_evaluation.framework.experiment import (
+    Experiment,
+    Settings,
+    Values,
+    blocks,
+    grid,
+    profiles,
+)
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured, pooled
@@ -86,19 +93,7 @@ EXPERIMENT = Experiment(
     name="radio",
     title="The paper's loss figures over a radio channel",
     settings=Over,
-    profiles={
-        "quick": Over(
-            fit_seeds=1,
-            distances=(25, 300, 500),
-            loads=(0.0,),
-            sessions=20,
-            road_distances=(25, 400),
-            road=3,
-            crowds=(50,),
-            crowd_ms=3000,
-        ),
-        "standard": Over(),
-    },
+    profiles=profiles("radio", Over),
     cells=cells,
     run=run,
     summary=radio_tables.summary,

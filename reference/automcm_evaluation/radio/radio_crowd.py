@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from functools import partial
 from itertools import pairwise
+from statistics import fmean as mean
 
 import numpy as np
 
 from automcm.links.clock import VirtualClock
 from automcm_evaluation.framework.experiment import Values
-from automcm_evaluation.framework.intervals import mean, quantile
+from automcm_evaluation.framework.intervals import quantile
 from automcm_evaluation.radio.radio_traffic import FourLanes, positions
 from automcm_simulation.radio.radio_link import RadioLinks
 from automcm_simulation.radio.table_radio import TableRadio

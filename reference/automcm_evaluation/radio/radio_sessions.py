@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from random import Random
+from statistics import fmean as mean
 
 from automcm.links.link import Link
 from automcm_evaluation.framework.experiment import Values
-from automcm_evaluation.framework.intervals import mean
 from automcm_evaluation.loss import loss_road
 from automcm_evaluation.loss.loss_sessions import until_agreed
 from automcm_evaluation.loss.loss_tables import four_messages, three_exchanges

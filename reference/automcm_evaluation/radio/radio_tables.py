@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean as mean
 
 from automcm_evaluation.framework.experiment import Cell, Values, agreed_share, chosen, groups
-from automcm_evaluation.framework.intervals import mean
 from automcm_evaluation.loss.loss_tables import CLASSES, classes
 from automcm_evaluation.radio.radio_traffic import (
     REACH_M,

@@ -39,6 +39,23 @@ Again = Annotated[bool, typer.Option("--again", help="Repeat cells that are alre
 OUT = Path("runs/evaluation")
 
 
+@app.command(epilog=example("experiment render runs/evaluation"))
+def render(
+    folder: Annotated[Path, typer.Argument(help="Folder whose subfolders contain results.json.")],
+) -> None:
+    """Write figures and pages from existing results."""
+    from automcm_evaluation.framework.experiment import ExperimentError
+    from automcm_evaluation.sweeps import report
+
+    found = report.results(folder)
+    with code_3("experiment", ExperimentError, OSError):
+        if not found:
+            raise ExperimentError(f"{folder}: no subfolder contains {report.RESULTS}")
+        for path in found:
+            for written in report.write(report.load(path), path.parent):
+                say(f"written {written}")
+
+
 def _command(name: str, about: str) -> None:
     def command(
         profile: Profile = "quick",
@@ -50,7 +67,46 @@ def _command(name: str, about: str) -> None:
         again: Again = False,
         json_: Json = None,
     ) -> None:
-        _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
+        from automcm_evaluation.framework.experiment import ExperimentError
+        from automcm_evaluation.sweeps import report, sweep
+        from automcm_evaluation.sweeps.catalogue import NAMES, experiment
+
+        with usage(ExperimentError):
+            made = [experiment(each) for each in (NAMES if name == "all" else [name])]
+            settings = [one.set(profile, _changes(changes or [])) for one in made]
+            for one, chosen in zip(made, settings, strict=True):
+                one.cells(chosen)  # check all settings before the first run
+        reports = []
+        with code_3("experiment", ExperimentError, OSError), progress() as notify:
+            for one, chosen in zip(made, settings, strict=True):
+                begun = time.monotonic()
+                about = sweep.header(one, profile, seed, chosen)
+                folder = out / one.name
+                cells = sweep.sweep(
+                    one,
+                    about,
+                    folder,
+                    workers=workers,
+                    scheduler=scheduler,
+                    again=again,
+                    notify=_counted(one.name, notify),
+                )
+                made_of_them = report.assemble(one, about, cells)
+                written = report.write(made_of_them, folder)
+                reports.append(made_of_them)
+                if str(json_) != "-":
+                    took = time.monotonic() - begun
+                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+            if name == "all":
+                whole = out.with_suffix(".md")
+                files.write(whole, report.evaluation(out))
+                if str(json_) != "-":
+                    say(f"written {whole}")
+        write_json(json_, reports)
+        broken = [text for one in reports for text in one["summary"].get("broken", [])]
+        for text in broken:
+            say(f"BROKEN: {text}", err=True)
+        raise typer.Exit(1 if broken else 0)
 
     command.__doc__ = (
         f"{about}\n\nWrites results.json (.xz above 1 MB), a page and figures "
@@ -69,95 +125,8 @@ ABOUT = {
     "radio": "Success over a radio channel fitted to ns-3, and its fit.",
     "traffic": "Traffic in SUMO with and without stations, and crowds.",
     "traffic-sweep": "Collisions, hazards and logs of many short runs in SUMO, which must be good.",
+    "all": "All experiments except traffic-sweep, and one page of all claims.",
 }
-for _name, _about in ABOUT.items():
-    _command(_name, _about)
-
-
-@app.command("all", epilog=example("experiment all --profile quick"))
-def all_(
-    profile: Profile = "quick",
-    seed: Seed = 1,
-    out: Out = OUT,
-    workers: Workers = 0,
-    scheduler: Scheduler = "",
-    again: Again = False,
-    json_: Json = None,
-) -> None:
-    """Run all experiments and write one page of all claims."""
-    from automcm_evaluation.sweeps.catalogue import NAMES
-
-    _run(list(NAMES), profile, seed, out, [], workers, scheduler, again, json_)
-
-
-@app.command(epilog=example("experiment render runs/evaluation"))
-def render(
-    folder: Annotated[Path, typer.Argument(help="Folder whose subfolders contain results.json.")],
-) -> None:
-    """Write figures and pages from existing results."""
-    from automcm_evaluation.framework.experiment import ExperimentError
-    from automcm_evaluation.sweeps import report
-
-    found = report.results(folder)
-    with code_3("experiment", ExperimentError, OSError):
-        if not found:
-            raise ExperimentError(f"{folder}: no subfolder contains {report.RESULTS}")
-        for path in found:
-            for written in report.write(report.load(path), path.parent):
-                say(f"written {written}")
-
-
-def _run(
-    names: list[str],
-    profile: str,
-    seed: int,
-    out: Path,
-    changes: list[str],
-    workers: int,
-    scheduler: str,
-    again: bool,
-    json_: Path | None,
-) -> None:
-    from automcm_evaluation.framework.experiment import ExperimentError
-    from automcm_evaluation.sweeps import report, sweep
-    from automcm_evaluation.sweeps.catalogue import NAMES, experiment
-
-    with usage(ExperimentError):
-        made = [experiment(name) for name in names]
-        settings = [one.set(profile, _changes(changes)) for one in made]
-        for one, chosen in zip(made, settings, strict=True):
-            one.cells(chosen)  # check all settings before the first run
-    reports = []
-    with code_3("experiment", ExperimentError, OSError), progress() as notify:
-        for one, chosen in zip(made, settings, strict=True):
-            begun = time.monotonic()
-            about = sweep.header(one, profile, seed, chosen)
-            folder = out / one.name
-            cells = sweep.sweep(
-                one,
-                about,
-                folder,
-                workers=workers,
-                scheduler=scheduler,
-                again=again,
-                notify=_counted(one.name, notify),
-            )
-            made_of_them = report.assemble(one, about, cells)
-            written = report.write(made_of_them, folder)
-            reports.append(made_of_them)
-            if str(json_) != "-":
-                took = time.monotonic() - begun
-                _show(made_of_them, len(cells), took, [path.name for path in written], folder)
-        if len(reports) == len(NAMES):
-            whole = out.with_suffix(".md")
-            files.write(whole, report.evaluation(out))
-            if str(json_) != "-":
-                say(f"written {whole}")
-    write_json(json_, reports)
-    broken = [text for one in reports for text in one["summary"].get("broken", [])]
-    for text in broken:
-        say(f"BROKEN: {text}", err=True)
-    raise typer.Exit(1 if broken else 0)
 
 
 def _changes(changes: list[str]) -> dict[str, Any]:
@@ -187,3 +156,7 @@ def _show(report: Values, cells: int, took: float, written: list[str], folder: P
         say(f"  {claim['verdict']}: {claim['claim']}")
         say(f"    paper: {claim['paper']}; here: {claim['here']}")
     say(f"  written to {folder}: {', '.join(written)}")
+
+
+for _name, _about in ABOUT.items():
+    _command(_name, _about)

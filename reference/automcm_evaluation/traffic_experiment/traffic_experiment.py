@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
 from automcm_evaluation.traffic_experiment import (
     crowd_sessions,
     traffic_cell,
@@ -24,7 +24,6 @@ Block = tuple[
     Annotated[int, Field(ge=1, le=1000)],
 ]
 """A scenario, vehicles per km over all lanes, penetrations, and the number of seeds."""
-FOUR, MERGE = traffic_tables.ASKED, "merge"
 
 
 class Scale(Settings):
@@ -83,38 +82,20 @@ def run(values: Values, seed: int) -> Values:
 
 def _grid() -> tuple[Block, ...]:
     """What was asked for."""
-    shares, seeds = traffic_tables.ASKED_SHARES, traffic_tables.ASKED_SEEDS
-    return tuple((FOUR, per_km, shares, seeds) for per_km in traffic_tables.ASKED_DENSITIES)
+    t = traffic_tables
+    return tuple((t.ASKED, per_km, t.ASKED_SHARES, t.ASKED_SEEDS) for per_km in t.ASKED_DENSITIES)
 
 
 EXPERIMENT = Experiment(
     name="traffic",
     title="Traffic at scale",
     settings=Scale,
-    profiles={
-        "quick": Scale(
-            sumo=False,
-            blocks=((FOUR, 50.0, (1.0,), 1),),
-            metres=200,
-            seconds=10,
-            receivers=(8, 33),
-            stations=(2, 5),
-            crowds=1,
-        ),
+    profiles=profiles("traffic", Scale)
+    | {
         "standard": Scale(
-            blocks=((MERGE, 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
+            blocks=(("merge", 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
             crowds=traffic_tables.ASKED_SEEDS,
-        ),
-        "coarse": Scale(
-            blocks=(
-                (FOUR, 50.0, (0.1, 0.5, 1.0), 3),
-                (MERGE, 40.0, (0.5, 1.0), 3),
-                (FOUR, 100.0, (0.1, 0.5, 1.0), 3),
-                (FOUR, 200.0, (0.1, 0.5, 1.0), 3),
-                (FOUR, 400.0, (0.1, 0.5), 3),
-                (FOUR, 400.0, (1.0,), 1),
-            )
-        ),
+        )
     },
     cells=cells,
     run=run,

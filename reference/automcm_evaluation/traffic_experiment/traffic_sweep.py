@@ -18,6 +18,7 @@ from automcm_evaluation.framework.experiment import (
     Settings,
     Values,
     canonical,
+    profiles,
 )
 from automcm_evaluation.traffic_experiment.traffic_cell import Scenario
 from automcm_simulation.traffic.mover import TrafficError
@@ -181,7 +182,7 @@ EXPERIMENT = Experiment(
     name="traffic-sweep",
     title="Many short runs in traffic",
     settings=Sweep,
-    profiles={"quick": Sweep(), "standard": Sweep(seeds=1000)},
+    profiles=profiles("traffic-sweep", Sweep),
     cells=cells,
     run=run,
     summary=summary,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from statistics import fmean as mean
 
 from automcm.applications.occupancy import HARDEST
 from automcm_evaluation.framework.experiment import Cell, Values, chosen, groups
-from automcm_evaluation.framework.intervals import mean, quantile
+from automcm_evaluation.framework.intervals import quantile
 from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
 from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
 from automcm_simulation.traffic.mover import STEP_MS

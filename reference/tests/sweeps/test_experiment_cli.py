@@ -40,7 +40,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_command_for_each_experiment() -> None:
-    assert tuple(experiment_commands.ABOUT) == tuple(MODULES)
+    assert tuple(experiment_commands.ABOUT) == (*MODULES, "all")
 
 
 @pytest.mark.slow
