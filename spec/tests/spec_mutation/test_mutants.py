@@ -20,7 +20,6 @@ from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
 
-
 generated = cache(mutants.generate)
 
 
@@ -119,8 +118,6 @@ def test_the_command_lists() -> None:
     "options",
     [
         ["--profile", "huge"],
-        ["--module", "Nowhere"],
-        ["--model", "nothing", "--limit", "1"],
         ["--only", "Nobody.At.All"],
         ["--write", "--profile", "deep", "--only", "OnAck"],
         ["--write"],

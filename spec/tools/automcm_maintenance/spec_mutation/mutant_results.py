@@ -136,11 +136,10 @@ def problems(
     rows: Sequence[MutantResult],
     known: Mapping[str, str],
     generated: Collection[str],
-    modules: Sequence[str],
 ) -> list[str]:
     """Mutants that no property kills and that have no reason, and reasons without such a mutant.
 
-    generated are the ids of all mutants of the modules; entries of other modules are ignored.
+    generated are the ids of all mutants.
     """
     missing = [
         f"no property kills {row.id} ({row.change}), and {REASONS.name} does not say why"
@@ -155,7 +154,7 @@ def problems(
     gone = [
         f"{REASONS.name} lists {id_}, but there is no such mutant"
         for id_ in known
-        if id_.split(".")[0] in modules and id_ not in generated
+        if id_ not in generated
     ]
     return missing + killed + gone
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fnmatch
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, get_args
 
 from rich.console import Console
@@ -15,14 +14,17 @@ from rich.table import Table
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.spec_mutation import mutant_results, mutant_runs
 from automcm_maintenance.spec_mutation.mutant_results import HEADS
-from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES
+from automcm_maintenance.spec_mutation.mutant_rules import KINDS
 from automcm_maintenance.spec_mutation.mutant_runs import MutationError, MutationReport, Profile
 from automcm_maintenance.spec_mutation.mutants import MissingPackage, Mutant, generate, sample
 from automcm_spec.model_checking import models
-from automcm_spec.support.paths import TLA
 
 KEPT = ROOT / "runs" / "mutation"
 PROFILES: tuple[str, ...] = get_args(Profile)
+
+
+LONGEST_S = 6
+"""The quick and full models that take no longer, in seconds, are run."""
 
 
 class Usage(Exception):
@@ -33,41 +35,15 @@ FAULTS = (MissingPackage, MutationError, models.ModelError, OSError, ValueError)
 """Errors that end a run with exit code 3."""
 
 
-@dataclass
-class Asked:
-    """The options of the command.  Raises Usage if they cannot be combined."""
-
-    profile: str
-    modules: Sequence[str] | None
-    models: Sequence[str] | None
-    only: str | None
-    limit: int | None
-    jobs: int
-    longest_s: float
-    write: bool
-
-    def __post_init__(self) -> None:
-        if self.profile not in PROFILES:
-            raise Usage(f"--profile must be one of {', '.join(PROFILES)}, not {self.profile!r}")
-        if self.write and (self.only or self.modules or self.models):
-            raise Usage("--write cannot be combined with --only, --module or --model")
-        if self.write and self.profile != "deep":
-            raise Usage("--write needs --profile deep")
-        self.modules = self.modules or MODULES
-        if unknown := [name for name in self.modules if not (TLA / f"{name}.tla").is_file()]:
-            raise Usage(f"there is no module {', '.join(unknown)}")
-
-
-def select(asked: Asked) -> list[Mutant]:
-    """The mutants of the modules whose id matches the pattern (* ?, or a part of the id), sampled
-    (``sample``)."""
-    mutants = generate(modules=asked.modules or MODULES)
-    if (only := asked.only) is not None:
+def select(only: str | None, limit: int) -> list[Mutant]:
+    """The mutants whose id matches the pattern (* ?, or a part of the id), sampled (``sample``)."""
+    mutants = generate()
+    if only is not None:
         pattern = only if any(c in only for c in "*?[") else f"*{only}*"
         mutants = [mutant for mutant in mutants if fnmatch.fnmatchcase(mutant.id, pattern)]
         if not mutants:
             raise Usage(f"no mutant matches {only!r}")
-    return sample(mutants, asked.limit or None)
+    return sample(mutants, limit or None)
 
 
 def listed(mutants: Sequence[Mutant]) -> str:
@@ -86,28 +62,26 @@ def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
     ]
 
 
-def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) -> MutationReport:
-    """Run the named models on the mutants; by default the quick and full ones up to longest_s.
-
-    The list of reasons is only compared if no models are named.
-    """
-    loaded = [model for model in models.load() if model.expect == "holds"]
-    if unknown := set(asked.models or ()) - {model.cfg for model in loaded}:
-        raise Usage(f"there is no model that must hold called {', '.join(sorted(unknown))}")
-    usual = [m for m in models.of_profile(loaded, "full") if m.seconds <= asked.longest_s]
-    chosen = [m for m in loaded if m.cfg in asked.models] if asked.models else usual
-    modules, known = asked.modules or MODULES, mutant_results.reasons()
+def run(
+    profile: str, mutants: Sequence[Mutant], jobs: int, notify: Callable[[str], None]
+) -> MutationReport:
+    """Run the models that must hold on the mutants."""
+    chosen = [
+        model
+        for model in models.of_profile(models.load(), "full")
+        if model.expect == "holds" and model.seconds <= LONGEST_S
+    ]
+    known = mutant_results.reasons()
     report = mutant_runs.run(
         mutants,
         chosen,
-        profile="deep" if asked.profile == "deep" else "quick",
+        profile="deep" if profile == "deep" else "quick",
         kept=KEPT,
-        jobs=asked.jobs,
+        jobs=jobs,
         notify=notify,
     )
-    if not asked.models:
-        ids = {mutant.id for mutant in generate(modules=modules)}
-        report.problems += mutant_results.problems(report.rows, known, ids, modules)
+    ids = {mutant.id for mutant in generate()}
+    report.problems += mutant_results.problems(report.rows, known, ids)
     return report
 
 
@@ -151,9 +125,3 @@ def show(report: MutationReport, console: Console) -> None:
     if not report.complete:
         done = len(report.outcomes)
         console.print(f"Incomplete: {done} of {report.selected}; repeat the command to continue")
-
-
-def write(report: MutationReport) -> None:
-    """Write the results of a complete report, from which the page is built."""
-    if report.complete:
-        mutant_results.write(report.rows)

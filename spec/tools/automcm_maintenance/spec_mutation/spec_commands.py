@@ -10,7 +10,16 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, console_of, example, progress, usage, write_json
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    unknown,
+    usage,
+    write_json,
+)
 
 app = typer.Typer()
 
@@ -39,14 +48,6 @@ def spec_mutate(
         str,
         typer.Option(help="quick: stop at the first kill of a mutant; deep: find all properties."),
     ] = "quick",
-    module: Annotated[
-        list[str] | None,
-        typer.Option(help="Mutate this module instead of the usual ones.  Repeatable."),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(help="Use this model instead of all suitable ones.  Repeatable."),
-    ] = None,
     only: Annotated[
         str | None,
         typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
@@ -62,9 +63,6 @@ def spec_mutate(
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Number of mutants to run in parallel.")] = 2,
-    longest: Annotated[
-        float, typer.Option(min=0, help="Maximum seconds of a model that is run at all.")
-    ] = 6,
     write: Annotated[
         bool, typer.Option(help="With --profile deep: write the results, for the site.")
     ] = False,
@@ -77,19 +75,22 @@ def spec_mutate(
     stopped.  A mutant that no property kills must be in spec/mutation/no-property.toml with the
     reason.  A quick run may take hours, a deep one a night.
     """
-    from automcm_maintenance.spec_mutation import mutate_commands
+    from automcm_maintenance.spec_mutation import mutant_results, mutate_commands
 
+    if profile not in mutate_commands.PROFILES:
+        raise typer.BadParameter(unknown(profile, mutate_commands.PROFILES, "profile"))
+    if write and (only or profile != "deep"):
+        raise typer.BadParameter("--write needs --profile deep, and cannot be with --only")
     with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
-        asked = mutate_commands.Asked(profile, module, model, only, limit, jobs, longest, write)
-        mutants = mutate_commands.select(asked)
+        mutants = mutate_commands.select(only, limit)
         if list_:
             if write_json(json_, mutate_commands.as_rows(mutants)):
                 typer.echo(mutate_commands.listed(mutants))
             return
         with progress() as notify:
-            report = mutate_commands.run(asked, mutants, notify)
-        if write:
-            mutate_commands.write(report)
+            report = mutate_commands.run(profile, mutants, jobs, notify)
+        if write and report.complete:
+            mutant_results.write(report.rows)
     if write_json(json_, mutate_commands.as_dict(report)):
         mutate_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
