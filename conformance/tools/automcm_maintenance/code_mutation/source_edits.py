@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
 from automcm_spec.vocabulary.application import Indication
@@ -15,24 +17,11 @@ T = TypeVar("T")
 Class = Literal["table", "guard", "timer", "field", "memory", "form"]
 CLASSES: tuple[Class, ...] = get_args(Class)
 
-TIMER_PLACES = frozenset(
-    (
-        *("armed", "next_deadline", "advance", "_first", "_rearm", "_duration", "durations"),
-        *("Parameters", "TIMERS", "rank", "longest_delay", "lease_lasts", "forgotten_at"),
-    )
-)
-"""Functions and tables about timers only; every mutant there has the class timer."""
-UNTOUCHED = frozenset(
-    (
-        *("__post_init__", "compiled", "_guard", "refusal", "short", "from_dict"),
-        *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
-        *("same", "required", "extent_mm"),
-    )
-)
-"""Not mutated: checks of a configuration or of a table in the program, error messages, and what
-only applications and log tools use."""
-COSTS = frozenset(("fail_fast", "json_schema_input_type", "discriminator", "mode", "frozen"))
-"""Keywords about the cost of a check or the form of a schema, without effect on the verdict."""
+_NAMES = tomllib.loads(Path(__file__).with_name("source_names.toml").read_text(encoding="utf-8"))
+"""Names of functions, fields and keywords, by what they mean for the edits."""
+TIMER_PLACES, UNTOUCHED, TYPES = (_NAMES[kind] for kind in ("timer_places", "untouched", "types"))
+COSTS, _STATES, _NUMBERS = (_NAMES[kind] for kind in ("costs", "states", "numbers"))
+_TWINS: list[list[str]] = _NAMES["twins"]
 _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Eq: (ast.NotEq,),
     ast.NotEq: (ast.Eq,),
@@ -45,37 +34,17 @@ _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Is: (ast.IsNot,),
     ast.IsNot: (ast.Is,),
 }
-_STATES = frozenset(("replace", "moved", "_replace", "State"))
-_EFFECT_CALLS = frozenset(
-    (
-        *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
-        *("answer", "refusal", "refuse_proposal", "cancels"),
-        *("cancel_peer", "Effects", "Received"),
-    )
-)
-_NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms"))
+_EFFECT_CALLS = {
+    *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
+    *_NAMES["effect_calls"],
+}
 _SWAPPED: tuple[tuple[str, ...], ...] = (
     tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS),
     tuple(reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS),
     tuple(reason for reason in get_args(RefusalReason) if reason in ANSWER_REASONS),
 )
 """Words of the same type that can be exchanged."""
-_TWINS: tuple[tuple[str, ...], ...] = (
-    ("src", "dst"),
-    ("target", "peer"),
-    ("proposal", "seq", "number"),
-    ("hold_ms", "lease_ms"),
-    ("recorded", "withdrawn"),
-    ("max_participants", "max_rounds"),
-    ("outbox_limit", "memory_limit"),
-    ("t_advertise", "t_giveup", "t_life", "t_hold", "t_decide", "t_resend"),
-    ("backoff_min", "backoff_max"),
-    ("quarantine", "backoff"),
-)
-"""Fields that a programmer may confuse."""
-
-
-DEFINED = TIMER_PLACES | UNTOUCHED
+DEFINED = frozenset((*TIMER_PLACES, *UNTOUCHED, *TYPES))
 USED = frozenset((*COSTS, *_STATES, *_EFFECT_CALLS, *_NUMBERS, *chain(*_TWINS)))
 """The names above: of definitions in the mutated modules, and of what these use."""
 

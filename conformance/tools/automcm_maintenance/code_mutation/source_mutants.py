@@ -20,6 +20,7 @@ from automcm_maintenance.code_mutation.mutated_process import full_name
 from automcm_maintenance.code_mutation.source_edits import (
     CLASSES,
     DEFINED,
+    TYPES,
     UNTOUCHED,
     USED,
     Class,
@@ -35,18 +36,6 @@ MODULES = (
     *("rules", "phases", "outcome", "state", "station", "parameters"),
     *("advertising", "negotiating", "prescribing", "actuating", "ending", "messages"),
 )
-TYPES = frozenset(
-    (
-        *("Way", "Input", "Plan", "Decode", "Message", "Reliable", "MESSAGE"),
-        *("Version", "MessageType", "_MODELS", "Plain", "LIMIT", "Row", "Outcome", "Me"),
-        *("Effects", "EntryKey", "Timer", "MACHINES", "NOBODY", "BROADCAST", "_GUARDS"),
-        *("_RECEIVED", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
-        *("TimerRow", "ADVERTISED_RANK", "Known", "Formula", "Unit"),
-        *("CAR_MM", "_LORRY_MM", "EXTENTS_MM"),
-    )
-)
-"""Names at the top of a module that are types or wiring of the program, or that only applications
-use: not behaviour of a station."""
 SHARE = 260
 """The approximate number of mutants in a certificate."""
 AROUND = 16
@@ -98,8 +87,8 @@ def path_of(module: str) -> Path:
 def generate(modules: Sequence[str] = MODULES) -> Generated:
     """All mutants of these modules, in the order of their text.
 
-    Raises OSError, SyntaxError; ValueError if a name of ``source_edits`` or TYPES names nothing, so
-    that a renamed function is not mutated by other edits unseen.
+    Raises OSError, SyntaxError; ValueError if a name of ``source_edits`` names nothing, so that a
+    renamed function is not mutated by other edits unseen.
     """
     if nothing := unnamed([path_of(name).read_text(encoding="utf-8") for name in MODULES]):
         raise ValueError(f"source_edits: names nothing: {', '.join(sorted(nothing))}")
@@ -110,7 +99,7 @@ def generate(modules: Sequence[str] = MODULES) -> Generated:
 
 
 def unnamed(sources: Sequence[str]) -> set[str]:
-    """The names of TYPES and ``source_edits`` that do not occur in these sources."""
+    """The names of ``source_edits`` that do not occur in these sources."""
     defined: set[str] = set()
     used: set[str] = set()
     for node in (node for source in sources for node in ast.walk(ast.parse(source))):
@@ -121,7 +110,7 @@ def unnamed(sources: Sequence[str]) -> set[str]:
                 defined.add(name)
             case ast.Name(name) | ast.Attribute(_, name) | ast.keyword(name) | ast.alias(name):
                 used.add(name or "")
-    return {*(TYPES | DEFINED) - defined, *USED - used - defined}
+    return {*DEFINED - defined, *USED - used - defined}
 
 
 def of_file(path: Path) -> list[SourceMutant]:
@@ -207,7 +196,7 @@ def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, TextEdit, ast.stmt
             targets = statement.targets
         names = {ast.unparse(target) for target in targets}
         names |= {statement.name} if isinstance(statement, ast.ClassDef) else set()
-        if names & TYPES:
+        if names & {*TYPES}:
             continue
         stack: list[tuple[ast.AST, Place]] = [(statement, Place("", form))]
         while stack:

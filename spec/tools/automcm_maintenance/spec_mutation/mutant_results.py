@@ -23,6 +23,7 @@ _CODE = "spec/tools/automcm_maintenance/spec_mutation"
 INPUTS = (
     "spec/tla",
     "spec/models",
+    f"{_CODE}/mutant_rules.toml",
     *(f"{_CODE}/mutant{name}.py" for name in ("_edits", "_rules", "_runs", "s")),
 )
 """What the results depend on."""

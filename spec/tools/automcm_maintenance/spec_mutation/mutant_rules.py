@@ -1,24 +1,17 @@
-"""The replacements that make mutants, and the exceptions with their reasons."""
+"""The replacements that make mutants, and the exceptions with their reasons: mutant_rules.toml."""
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from typing import Literal
 
 MODULES = ("Station", "System")
 """The modules that are mutated by default."""
 
-KINDS: dict[str, str] = {
-    "conjunct": "a conjunct, or the condition of an implication or set filter, is dropped",
-    "disjunct": "a disjunct or an arm of a CASE is dropped",
-    "action": "the action of a CASE arm is dropped: the station ignores the input",
-    "guard": "a condition is negated, or a named guard is always true",
-    "branch": "the THEN of an IF is never taken",
-    "assignment": "a field of an EXCEPT, or a variable, keeps its value",
-    "constant": "a phase, role, message type, reason, timer, command or truth value is replaced",
-    "number": "a number is off by one, or a comparison includes or excludes its bound",
-    "member": "a member of a set, an operand of a union, or a subtraction is dropped",
-}
-
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+KINDS: dict[str, str] = _TABLES["kinds"]
+"""What a mutant of each kind changes."""
 How = Literal["property", "probe", "graph", "evaluation", "timeout", "counts"]
 HOW: dict[How, str] = {
     "property": "a property that must hold is violated",
@@ -31,26 +24,8 @@ HOW: dict[How, str] = {
 """What a mutant may change.  Only the first kills it; the others, the most informative first, are
 comparisons with the specification without the mutant."""
 
-NOT_MUTATED: dict[str, str] = {
-    "Station.Phases": "read by the type invariant only",
-    "Station.Roles": "read by the type invariant only",
-    "Station.StationTypeInv": "a property",
-    "Station.Nobody": "names a value that no station has; any such value is right",
-    "Station.Broadcast": "names a value that no station has; any such value is right",
-    "Station.NoSession": "names a value that no session has; any such value is right",
-    "Station.Nothing": "names the absence of an indication; any such value is right",
-    "Station.LimitsSuffice": "an assumption on the constants",
-    "Station.Step": "arms and stops timers; the models read Armed instead, the oracle reads it",
-    "Station.Expired": "used only by Step",
-    "System.Init": "the initial state; its parts are mutated in Station.Initial",
-    "System.vars": "the subscript of the actions",
-    "System.view": "what TLC distinguishes as states",
-    "System.Spec": "combines Init and Next",
-    "System.Excuses": "defines a history variable, which belongs to S-5",
-    "System.Received": "defines a history variable, which belongs to S-6",
-}
+NOT_MUTATED: dict[str, str] = _TABLES["not_mutated"]
 """Definitions that are not mutated, and the reasons.  For properties see PROPERTIES_FROM."""
-
 PROPERTIES_FROM = "Helpers of the properties"
 """A module is not mutated after the heading with these words, so that no property is weakened."""
 
@@ -67,59 +42,7 @@ UNINDEXED = {"t", "timer", "of"}
 """Tuples of different types, whose index is not mutated: TLC could not evaluate the mutant.  For
 the same reason, the conditions of a CASE without OTHER are not mutated; its actions are."""
 
-NEIGHBOURS: dict[str, str] = {
-    "STANDALONE": "WAITING",
-    "ADVERTISING": "CHOOSING",
-    "CHOOSING": "PRESCRIBING",
-    "PRESCRIBING": "NEGOTIATING",
-    "INTENDING": "WAITING",
-    "WAITING": "NEGOTIATING",
-    "NEGOTIATING": "ACTUATING",
-    "ACTUATING": "NEGOTIATING",
-    "prescriber": "receiver",
-    "receiver": "prescriber",
-    "Advertisement": "Intention",
-    "Intention": "Prescription",
-    "Prescription": "Acceptance",
-    "Acceptance": "Prescription",
-    "Fin": "Cancel",
-    "Cancel": "Fin",
-    "Ack": "Fin",
-    # A reason matters where "busy" and "unknown_session" end a negotiation and "closed" a session.
-    "busy": "unsafe",
-    "unknown_session": "unsafe",
-    "unsafe": "busy",
-    "undecided": "busy",
-    "closed": "abort",
-    "not_selected": "closed",
-    "not_needed": "closed",
-    "no_agreement": "closed",
-    "timeout": "closed",
-    "cam_loss": "closed",
-    "lease_expired": "closed",
-    "abort": "closed",
-    "as_sent": "none",
-    "advertise": "backoff",
-    "backoff": "advertise",
-    "decide": "hold",
-    "hold": "decide",
-    "answer": "lease",
-    "lease": "cam",
-    "cam": "lease",
-    "quarantine": "forget",
-    "forget": "quarantine",
-    "resend": "giveup",
-    "giveup": "resend",
-}
-"""Constants and plausible replacements of the same kind.  "none" is omitted: it has three kinds."""
-COMMANDS: dict[str, str] = {
-    "request": "abort",
-    "close": "proceed",
-    "prescribe": "proceed",
-    "proceed": "abort",
-    "accept": "refuse",
-    "refuse": "accept",
-    "complete": "abort",
-    "abort": "complete",
-}
+NEIGHBOURS: dict[str, str] = _TABLES["neighbours"]
+"""Constants and plausible replacements of the same kind."""
+COMMANDS: dict[str, str] = _TABLES["commands"]
 """Replacements for the names of commands."""
