@@ -4,6 +4,7 @@ are quick, and that tests may be coroutines."""
 from __future__ import annotations
 
 import asyncio
+import gc
 import inspect
 import sys
 from collections import defaultdict
@@ -18,6 +19,7 @@ sys.path[:0] = [
 hypothesis.settings.register_profile(
     "quick", hypothesis.settings.get_profile("ci"), max_examples=25
 )
+gc.set_threshold(100_000, 20, 20)  # a tenth of the time went into looking for garbage in graphs
 COROUTINE_S = 60
 """A test that is a coroutine fails after that time."""
 
