@@ -53,7 +53,6 @@ test-foreign: ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_signature.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python reference/tests/foreign_traffic.py
-	@$(BIN)/python reference/tests/foreign_traffic_experiment.py
 	@$(BIN)/python reference/tests/foreign_radio.py
 	@$(BIN)/pytest -q -n 0 conformance/tests/adapter/test_new_adapter.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)

@@ -1,4 +1,5 @@
-"""Stations in the traffic of a real SUMO (``automcm simulate traffic``).
+"""Stations in the traffic of a real SUMO: ``automcm simulate traffic``, and the cells of
+``automcm experiment traffic``.
 
     python reference/tests/foreign_traffic.py
 
@@ -23,6 +24,8 @@ import foreign_checks
 import numpy as np
 
 from automcm.applications.vehicle import STEP_S
+from automcm_evaluation.sweeps import sweep
+from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_evaluation.traffic_experiment.traffic_sweep import SECONDS
 from automcm_evaluation.traffic_experiment.traffic_sweep import run as short_run
 from automcm_simulation.traffic import lanelet_network
@@ -178,6 +181,32 @@ def the_command_of_the_readme_draws_a_merge() -> None:
         assert '"traffic":{"every_ms"' in page, made.stdout
 
 
+def every_variant_of_the_experiment_drives_the_same_vehicles_and_repeats() -> None:
+    made = experiment("traffic")
+    settings: Any = made.set("quick", {"sumo": True})
+    road = [values for values in made.cells(settings) if values["part"] == "road"]
+    found, again = (
+        {values["variant"]: sweep.run_cell("traffic", values, 1) for values in road}
+        for _ in range(2)
+    )
+    assert found == again and set(found) == {"none", "cooperative", "silent", "stations"}
+    assert len({(r["vehicles"], r["vehicle_s"]) for r in found.values()}) == 1, found
+    assert found["none"]["equipped"] == 0 < found["stations"]["equipped"]
+    assert found["silent"]["received"] == 0 < found["stations"]["received"]
+    assert all(not r["wrong"] and not r["collisions"]["all"] for r in found.values()), found
+
+
+def cooperation_reaches_sumo() -> None:
+    """Where a lane ends, SUMO's drivers drive otherwise if nobody makes room."""
+    where = {"part": "road", "scenario": "merge", "per_km": 80.0, "metres": 500.0}
+    where |= {"seconds": 40.0, "seed": 1, "share": 0.0}
+    found = [
+        sweep.run_cell("traffic", where | {"variant": variant}, 1)
+        for variant in ("none", "cooperative")
+    ]
+    assert found[0] != found[1], found
+
+
 CHECKS: tuple[Callable[[], None], ...] = (
     a_run_without_stations_has_a_record,
     sumo_drives_along_the_lanelets,
@@ -187,6 +216,8 @@ CHECKS: tuple[Callable[[], None], ...] = (
     a_vehicle_stops_behind_what_sumo_does_not_see,
     the_command_of_the_readme_draws_a_merge,
     nothing_bad_happens,
+    every_variant_of_the_experiment_drives_the_same_vehicles_and_repeats,
+    cooperation_reaches_sumo,
 )
 
 

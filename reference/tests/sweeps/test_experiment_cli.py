@@ -1,18 +1,14 @@
-"""``automcm experiment``: files, errors, and the continuation of a killed sweep."""
+"""``automcm experiment``: files and errors."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import AUTOMCM, automcm
+from cli_stage import automcm
 
 from automcm_evaluation.sweeps import experiment_commands, report
 from automcm_evaluation.sweeps.catalogue import MODULES
@@ -50,27 +46,6 @@ def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
     assert json.loads(done.stdout)[0]["experiment"] == "bandwidth"
     for path in sorted((small / "bandwidth").rglob("*.*")):
         assert (tmp_path / path.relative_to(small)).read_bytes() == path.read_bytes(), path.name
-
-
-@pytest.mark.slow
-def test_a_killed_sweep_goes_on(
-    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(figures, "available", lambda: False)
-    command = [*AUTOMCM, *SMALL, "--out", str(tmp_path)]
-    kept = tmp_path / "bandwidth" / "cells"
-    child = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL)
-    try:
-        while child.poll() is None and not list(kept.glob("*.json")):
-            time.sleep(0.02)
-    finally:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
-    before = {path: path.stat().st_mtime_ns for path in kept.glob("*.json")}
-    done = automcm(*SMALL, "--out", tmp_path, "--workers", "1")
-    assert done.exit_code == 0, done.output
-    assert before and all(path.stat().st_mtime_ns == at for path, at in before.items())
-    assert results(tmp_path) == results(small)
 
 
 @pytest.mark.parametrize(
