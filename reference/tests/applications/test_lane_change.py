@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road_stage import driven, lane_changers, rows, said
+from road_stage import answers_of, driven, lane_changers, rows, said
 
 from automcm.applications.lane_change import LaneChange, Plan
-from automcm.applications.planning import gained_at, read
+from automcm.applications.planning import direction, gained_at, read
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import TrajectoryError, from_message
@@ -80,10 +80,30 @@ def two(
     return prescriber, receiver
 
 
+def test_adv_1_a_second_signal_changes_nothing() -> None:
+    driver = LaneChange(Vehicle(1, 0, 0, 8, 8))
+    given = answers_of(driver)
+    for lane in (1, 2, 1):
+        driver.signal(lane)
+    assert (given, driver.wanted) == (["request"], 1)
+
+
+def test_kin_4_the_direction_is_that_of_the_first_step() -> None:
+    found = direction(from_message(rows((0, 900, 500), (1000, 1200, 900))))
+    assert found == pytest.approx((0.6, 0.8))
+
+
 def test_neg_7_three_refusals_and_it_stays() -> None:
     prescriber, receiver = two(Limits(acceleration=0.1, deceleration=0.1))
     assert sum("refuses" in what for what in said(receiver)) == 3
     assert said(prescriber)[-1] == "drives alone: no_agreement" and prescriber.vehicle.lane == 0
+
+
+def test_neg_7_a_refusal_leads_to_a_gentler_proposal() -> None:
+    prescriber, receiver = two(Limits(acceleration=2.2, deceleration=2.2))
+    slower = [w for w in said(prescriber) if "prescribes" in w]
+    assert slower == [f"prescribes 3 to drive {kmh} km/h slower" for kmh in (20, 14)]
+    assert said(receiver)[:2] == ["refuses: acceleration", "accepts to drive slower"]
 
 
 def test_act_1_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> None:

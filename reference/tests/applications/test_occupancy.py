@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,10 @@ from automcm.applications.lane_change import (
     WAIT_MS,
     LaneChange,
     PaperLaneChange,
+    Plan,
 )
 from automcm.applications.occupancy import FORCED, LEAST_M, Seen, clear, needed_gap
+from automcm.applications.planning import planned
 from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, Vehicle, idm
 from automcm.service.application import Advertised, Choice, Heard
 from automcm_simulation.road.drive import SimulatedDrive
@@ -62,6 +65,31 @@ def test_app_1_a_choice_names_everybody_heard_whether_they_answered_or_not() -> 
     assert {h.station_id for h in choice.heard if h.bound_elsewhere(choice.session)} == {2, 9}
     at = next(h for h in choice.heard if h.station_id == 3)
     assert at.speed_mm_s == 8330 and at.y_mm == 3500 and 6000 <= at.received_ms <= 6100
+
+
+def test_app_1_of_two_that_are_seen_there_the_nearer_is_the_station() -> None:
+    heard = Heard(3, 1000, 0, 3500, 0, 10_000)
+    seen = [Seen(x=x, y=3.5, vx=10.0) for x in (-4.5, 2.0, -4.0)]
+    found = occupancy.tracks([heard], seen, [3], (1, 1), 1000, LANE)
+    assert [(t.x, t.station_id) for t in found] == [(2.0, 3), (-4.5, 0), (-4.0, 0)]
+
+
+def test_kin_3_a_lorry_is_in_the_way_where_the_paper_s_threshold_sees_nobody() -> None:
+    """2 m of it would be abreast."""
+    prescriber, paper = LaneChange(car(1, 0, 0)), PaperLaneChange(car(1, 0, 0))
+    mine, theirs = planned(car(1, 0, 1), 0), planned(car(3, -8.5, 1), 0)
+    heard = Heard(3, 0, -8500, 3500, 0, 8330, length_mm=16_500, width_mm=2500)
+    assert prescriber._too_close(mine, theirs, heard)
+    assert not prescriber._too_close(mine, theirs, replace(heard, length_mm=None))
+    assert not paper._too_close(mine, theirs, heard)
+
+
+def test_app_2_it_requests_again_as_often_as_planned() -> None:
+    prescriber, silent = LaneChange(car(1, 0, 0), Plan(retries=2, retry_s=3)), CamOnly(car(3, -3))
+    driven(lambda: prescriber.signal(1), prescriber, silent, until=30)
+    asked = [t for t, what in prescriber.story if what == "signals for lane 1"]
+    assert len(asked) == 3 and not prescriber.busy
+    assert all(later - before > 3000 for before, later in pairwise(asked))
 
 
 def test_app_1_without_cams_it_aborts() -> None:
