@@ -9,7 +9,7 @@ from statistics import fmean as mean
 
 from automcm.applications.lane_change import Plan
 from automcm_evaluation.arrival.sumo import HOWS
-from automcm_evaluation.framework.experiment import Cell, Json, Values, chosen, columns
+from automcm_evaluation.framework.experiment import Cell, Json, Values, captions, chosen, columns
 from automcm_evaluation.framework.intervals import Z, quantile
 
 SPEEDS_KMH = (30, 50)
@@ -23,13 +23,7 @@ FIG_9_S = 29.0
 LITTLE = 0.5
 """Braking up to this (m/s²) is "little or no deceleration"; assumed: the paper has no figure."""
 BOTH = ("with", "without")
-MODEL_NAMES = {
-    "notice": "noticed that far from its lane's middle, m",
-    "brake": "brakes at (at least), m/s²",
-    "restart_s": "stands at least, s",
-    "restart_gap": "restarts at a gap of, m",
-    "acceleration": "acceleration of all, m/s²",
-}
+MODEL_NAMES = captions("arrival", "model_names")
 
 
 def summary(cells: Sequence[Cell]) -> Values:

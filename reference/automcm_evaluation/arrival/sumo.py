@@ -20,16 +20,12 @@ from automcm.applications.planning import gained_at
 from automcm.applications.vehicle import STEP_S, Driving
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import Trajectory
-from automcm_evaluation.framework.experiment import ExperimentError
+from automcm_evaluation.framework.experiment import ExperimentError, captions
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters
 
 How = Literal["cooperative", "forced", "prescribed"]
-HOWS: dict[How, str] = {
-    "cooperative": "SUMO's own lane change: waits for a safe gap, the follower makes room",
-    "forced": "moves over at once, whoever is there: no coordination",
-    "prescribed": "moves over at the end of a slow-down prescribed as by us (KIN-5)",
-}
+HOWS = captions("arrival", "hows")
 SAFE, AT_ONCE = 1621, 0
 """SUMO's lane change modes: its default, and regardless of others."""
 DECIDED_S = Parameters().t_timeout / 1000 + 0.1

@@ -17,30 +17,15 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
     RATE_HZ,
     SPEED_KMH,
 )
-from automcm_evaluation.framework.experiment import Cell, Values, chosen
+from automcm_evaluation.framework.experiment import Cell, Values, captions, chosen
 from automcm_evaluation.framework.intervals import wilson
 from automcm_simulation.radio.propagation import HEADER_BYTES, HEADERS
 from automcm_spec.vocabulary.parameters import Parameters
 
-COLOURS = {
-    "CAM": "#bbbbbb",
-    "Advertisement": "#0077bb",
-    "Intention": "#ee7733",
-    "Prescription": "#cc3311",
-    "Acceptance": "#009988",
-    "Cancel": "#aa3377",
-    "Fin": "#000000",
-    "Ack": "#ddaa33",
-}
+COLOURS = captions("bandwidth", "colours")
 """In the order in which they are stacked."""
 ALWAYS = "always-on"
-CASES = {
-    "cams": "CAMs alone",
-    "minute": "a lane change a minute",
-    "maneuver": "during a lane change",
-    "busiest": "busiest half second of one",
-    "always": ALWAYS,
-}
+CASES = captions("bandwidth", "cases")
 
 
 KINDS = ("Prescription", "Acceptance", "Fin", "Intention")

@@ -9,22 +9,9 @@ from automcm.applications.lane_change import Plan
 from automcm.applications.vehicle import Driving, LateBraking
 from automcm_evaluation.comfort.comfort_courses import COURSES, PRESCRIBER, STAGES, B, C
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
-from automcm_evaluation.framework.experiment import Cell, Values, chosen
+from automcm_evaluation.framework.experiment import Cell, Values, captions, chosen
 
-TITLES = {
-    "undisturbed": "undisturbed",
-    "open-ended": "undisturbed, open-ended prescription",
-    "uncoordinated": "no coordination",
-    "cut": "radio cut both ways",
-    "cut_to_b": "radio cut, prescriber to B",
-    "cut_to_prescriber": "radio cut, B to prescriber",
-    "prescriber_dies": "prescriber's station dies",
-    "b_dies": "B's station dies",
-    "prescriber_aborts": "prescriber gives up",
-    "b_aborts": "B gives up",
-    "leader_stops": "A stops, prescriber gives up",
-    "prescriber_hangs": "prescriber's application hangs",
-}
+TITLES = captions("comfort", "titles")
 PLAIN = ("undisturbed", "open-ended", "uncoordinated")
 """The drives without a fault."""
 LITTLE = 0.5

@@ -44,8 +44,18 @@ S = TypeVar("S", bound=Settings)
 
 def profiles(name: str, settings: type[S]) -> dict[str, S]:
     """The profiles of an experiment: pages/profiles.toml."""
-    table = tomllib.loads((PAGES / "profiles.toml").read_text(encoding="utf-8"))
-    return {profile: settings.model_validate(given) for profile, given in table[name].items()}
+    given = _table("profiles")[name]
+    return {profile: settings.model_validate(values) for profile, values in given.items()}
+
+
+def captions(name: str, table: str) -> dict[str, str]:
+    """Captions of an experiment: pages/captions.toml."""
+    found: dict[str, str] = _table("captions")[name][table]
+    return found
+
+
+def _table(file: str) -> Values:
+    return tomllib.loads((PAGES / f"{file}.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from automcm.applications.vehicle import LANE_WIDTH
-from automcm_evaluation.framework.experiment import ExperimentError, Values
+from automcm_evaluation.framework.experiment import ExperimentError, Values, captions
 from automcm_evaluation.framework.intervals import quantile
 from automcm_simulation.radio.radio import RadioModel
 from automcm_simulation.radio.table_radio import TableRadio
@@ -21,12 +21,7 @@ from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
 from automcm_spec.support import scratch
 from automcm_spec.vocabulary.parameters import Parameters
 
-VARIANTS = {
-    "none": "SUMO's drivers, without cooperation (lcCooperative 0)",
-    "cooperative": "SUMO's drivers, with its cooperative lane change (lcCooperative 1)",
-    "silent": "the share drives as with stations, but no message arrives",
-    "stations": "the share has stations, on the table radio",
-}
+VARIANTS = captions("traffic", "variants")
 ALONE = ("none", "cooperative")
 """Those without stations."""
 IN_LANE_M = 0.5
