@@ -11,7 +11,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from automcm_maintenance.compilation import sany
@@ -56,8 +56,6 @@ class CompilerPlan:
     arguments: Sequence[str] = ()
     """Operators without parameters that become constructor arguments, with their value as
     default."""
-    substitutions: Mapping[str, str] = field(default_factory=dict)
-    """Operators that another one replaces, as ``X <- Y`` in a cfg."""
 
 
 PLAN = CompilerPlan(
@@ -141,11 +139,7 @@ from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm, no_arm
 class _Writer:
     def __init__(self, plan: CompilerPlan, spec: ParsedModules, tla: Path) -> None:
         self.plan = plan
-        instead = {
-            old: replace(spec.operators[new], name=old, at=spec.operators[old].at)
-            for old, new in plan.substitutions.items()
-        }
-        self.spec = spec = replace(spec, operators=spec.operators | instead)
+        self.spec = spec
         self.types = Types(spec, plan.constants, plan.classes)
         self.types.infer(plan.roots)
         self.modules = list(dict.fromkeys(o.at.module for o in self._operators()))
