@@ -313,7 +313,7 @@ def test_what_is_over_the_budget_is_counted_and_not_logged(tmp_path: Path) -> No
         header = {cose.KID: simulation.credentials[1].certificate.digest}
         payload = cose.encode([1500, encode(cam(1, 1500))])
         data = cose.sign(key(66), header, payload, envelope.CONTEXT + b"json")
-        for _ in range(1500):
+        for _ in range(800):
             attacker.send(data, 0, "666:1")
 
     simulation.clock.at(1500, flood)

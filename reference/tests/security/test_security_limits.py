@@ -79,17 +79,17 @@ def test_end_5_before_its_signature_little_of_a_datagram_is_decoded() -> None:
             assert all(len(call.args[0]) <= cose.MAP_BYTES for call in loads.call_args_list)
 
 
-def test_a_thousand_certificates_of_rubbish_are_not_kept() -> None:
+def test_hundreds_of_certificates_of_rubbish_are_not_kept() -> None:
     by = knowing(NINE)
     by.ranking = lambda ids: 0 if ids == (9,) else 2
-    found = [verdicts(by, rubbish(n))[0] for n in range(1000, 2000)]
+    found = [verdicts(by, rubbish(n))[0] for n in range(1000, 1700)]
     assert set(found) == {"bad_signature", "over_budget"}
     assert found.count("bad_signature") <= 501
     assert list(by._known) == [NINE.certificate.digest]
     assert verdicts(by, seal(NINE, fin(), whole=False)) == ["accepted"]
 
 
-def test_of_a_thousand_good_certificates_those_used_last_are_kept() -> None:
+def test_of_hundreds_of_good_certificates_those_used_last_are_kept() -> None:
     by = knowing(NINE, per_second=100_000)
     for n in range(1000, 1300):
         assert verdicts(by, seal(credentials(n, private=7), cam(n, NOW))) == ["accepted"]

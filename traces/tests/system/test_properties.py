@@ -282,7 +282,7 @@ CHANGES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.sweep(9)
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("change", CHANGES, ids=str)
 @pytest.mark.parametrize("ev", ["send", "receive"])
 def test_whatever_a_message_holds_there_is_a_report(

@@ -6,6 +6,7 @@ import json
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,10 +19,16 @@ from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import verdict_of, verdicts_of
 from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
-from automcm_traces.viewer.page_data import as_dict, load
+from automcm_traces.viewer.page_data import Page, as_dict, load
 from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_part import MOST_EVENTS, PageError, PagePart
 from automcm_traces.viewer.page_run import MOST_LOGS
+
+
+@cache
+def four() -> Page:
+    """The whole page, which no test changes."""
+    return load(FOUR)
 
 
 @pytest.mark.slow
@@ -80,7 +87,7 @@ def restarts(path: Path, number: int, padding: int = 0, station: int = 7) -> Pat
 def test_as_many_events_as_are_allowed_are_shown_and_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    number = len(load(FOUR).nodes)
+    number = len(four().nodes)
     monkeypatch.setattr(page_part, "MOST_EVENTS", number)
     assert len(load(FOUR).nodes) == number
     monkeypatch.setattr(page_part, "MOST_EVENTS", number - 1)
@@ -200,7 +207,7 @@ def states(history: StateHistory) -> dict[int, Json]:
 @pytest.mark.parametrize("last", range(12, 20))
 def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
     """Also where it ends within a step."""
-    whole, first = load(FOUR), 5
+    whole, first = four(), 5
     part = load([FOUR[1], FOUR[0], *FOUR[2:]], part=PagePart(first, last))
     assert [log.header.station for log in part.logs] == [log.header.station for log in whole.logs]
     own = next(n for n, log in enumerate(part.logs) if log.file == str(FOUR[1]))
@@ -221,7 +228,7 @@ def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
 def test_what_stands_outside_a_part_is_neither_lost_nor_forged() -> None:
     whole, part = (
         Counter(kind for _, kind, *_ in fives(as_dict(page)["arrows"]))
-        for page in (load(FOUR), load(FOUR, part=PagePart(100, 200)))
+        for page in (four(), load(FOUR, part=PagePart(100, 200)))
     )
     assert whole[LOST] and part[DELIVERED] and not part[LOST] and not part[FORGED]
 
@@ -235,7 +242,7 @@ def test_a_part_says_which_it_is_and_where_it_goes_on() -> None:
         assert made["before"] == log.events[0][1].seq - 1 > 0 and made["end"] == "goes on"
         assert made["header"] == records(Path(log.file))[0]
     assert data["runs"][0]["system"] is None
-    assert [made["before"] for made in as_dict(load(FOUR))["logs"]] == [0] * len(FOUR)
+    assert [made["before"] for made in as_dict(four())["logs"]] == [0] * len(FOUR)
 
 
 def test_a_log_without_a_message_of_the_part_is_left_out_and_named(tmp_path: Path) -> None:
