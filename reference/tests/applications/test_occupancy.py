@@ -244,7 +244,7 @@ def moved_over_by_default_ms() -> int:
     return moved_over_ms(prescriber)
 
 
-def test_app_4_it_does_not_move_over_without_a_fresh_cam() -> None:
+def test_app_4_it_does_not_move_over_without_a_fresh_cam_that_names_the_session() -> None:
     due_ms = moved_over_by_default_ms()
     prescriber, _, drive_ = pair()
     clock, radio = drive_.simulation.clock, drive_.simulation.radio
@@ -254,6 +254,12 @@ def test_app_4_it_does_not_move_over_without_a_fresh_cam() -> None:
     drive_.run(16)
     assert due_ms + 650 < moved_over_ms(prescriber) < due_ms + 1000
     assert said(prescriber)[-1] == "has changed lanes"
+    prescriber, _, drive_ = pair()
+    drive_.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive_.simulation.restart(3, due_ms - 250)
+    drive_.run(16)
+    assert "moves over" not in said(prescriber)
+    assert said(prescriber)[-1] == "drives alone: cam_loss"
 
 
 def test_app_4_a_gap_that_does_not_open_is_given_up_within_the_lease() -> None:
