@@ -9,6 +9,7 @@ from road_stage import driven, said, stands
 
 from automcm.applications.lane_change import WAIT_MS
 from automcm.applications.occupancy import Seen
+from automcm.applications.planning import planned
 from automcm.applications.ramp_merge import Merge, Ramp
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.service.application import heard_by
@@ -124,6 +125,27 @@ def test_app_3_an_answer_does_not_count_after_proceed() -> None:
     assert said(on_ramp)[-1] == "nobody is in the way" and on_ramp.vehicle.lane == 0
     drive_.run(25)
     assert on_ramp.vehicle.lane == 1
+
+
+def test_a_vehicle_that_has_merged_may_be_asked_to_slow_down() -> None:
+    """Its own ramp no longer matters."""
+    on_ramp = ramp_car()
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=25)
+    asked = planned(on_ramp.vehicle, 25_000)
+    on_ramp.vehicle.follow(asked)
+    drive_.run(40)
+    assert on_ramp.vehicle._profile is asked
+    assert on_ramp.vehicle.x > RAMP.joins_m + RAMP.length_m
+
+
+def test_it_does_not_merge_before_the_ramp_joins_even_if_it_is_late() -> None:
+    on_ramp = ramp_car()
+    drive_ = SimulatedDrive([on_ramp, waits(-90)])
+    drive_.simulation.clock.at(100, on_ramp.signal)
+    drive_.simulation.clock.at(4000, lambda: setattr(on_ramp.vehicle, "desired", 9))
+    drive_.run(25)
+    assert said(on_ramp)[-1] == "has changed lanes"
+    assert next(s.x for s in drive_.road.of(1) if s.y > 0) > RAMP.joins_m
 
 
 def test_it_does_not_brake_for_the_end_of_the_ramp_while_it_moves_over() -> None:
