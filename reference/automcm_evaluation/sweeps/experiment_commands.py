@@ -124,8 +124,8 @@ ABOUT = {
     "safety": "Frequency and duration of hazards, and their bound (T-2).",
     "radio": "Success over a radio channel fitted to ns-3, and its fit.",
     "traffic": "Traffic in SUMO with and without stations, and crowds.",
-    "traffic-sweep": "Collisions, hazards and logs of many short runs in SUMO, which must be good.",
-    "all": "All experiments except traffic-sweep, and one page of all claims.",
+    "traffic-sweep": "Collisions, hazards and logs of many short runs in SUMO.",
+    "all": "All but traffic-sweep, and one page of all claims.",
 }
 
 
