@@ -18,6 +18,7 @@ from automcm_cli.trace import (
     trace_watch,
 )
 from automcm_cli.trace.trace_logs import Logs, files_of
+from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
     from automcm_traces.explain.explain import Verdict
@@ -53,10 +54,11 @@ def explain(
 
     logs = files_of("explain", logs)
     several = len(logs) > 1
-    found = [explain_.judged_log(log, late, keep=several) for log in logs]
-    verdicts, system = explain_.verdicts(found), None
-    if several:
-        verdicts, system = explain_.verdicts_together(found)
+    with uncollected():
+        found = [explain_.judged_log(log, late, keep=several) for log in logs]
+        verdicts, system = explain_.verdicts(found), None
+        if several:
+            verdicts, system = explain_.verdicts_together(found)
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))

@@ -25,6 +25,7 @@ from automcm_conformance.suite.verdicts import Expectations, report
 from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
+from automcm_spec.support.collection import uncollected
 
 LONG = ("quantity sessions", "quantity receptions")
 """The first words of the cases that ``--quick`` omits because they are long."""
@@ -91,19 +92,6 @@ def _finishing(runner: Runner) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, was)
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Without the cyclic garbage collector: it would visit the millions of permanent values of the
-    graphs again and again, and take a third of the time."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
 
 
 class Graphs:

@@ -148,15 +148,17 @@ def _answers(
 ) -> tuple[InputAnswer, ...]:
     """The inputs that have an effect in this state, one for each distinct outcome."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
-    found: dict[tuple[object, ...], InputAnswer] = {}
+    first: dict[tuple[object, ...], Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
-        if not alphabet.offered(st, i):
-            continue
+        if alphabet.offered(st, i):
+            key = i if i.kind == "expire" else i.kind, _type(i), alphabet.decide(me, st, i)
+            first.setdefault(key, i)  # an equal effect has an equal outcome
+    found: dict[tuple[object, ...], InputAnswer] = {}
+    for (kind, type_, _), i in first.items():
         outcome = alphabet.step(me, st, i)
         changes = bool(outcome.st != st or outcome.arm)
         if changes or outcome.out or outcome.told != alphabet.nothing:
-            key = i if i.kind == "expire" else i.kind, _type(i), outcome
-            found.setdefault(key, InputAnswer(i, outcome, changes))
+            found.setdefault((kind, type_, outcome), InputAnswer(i, outcome, changes))
     return tuple(found.values())
 
 

@@ -223,7 +223,8 @@ class _Search:
         try:
             engine.feed(self.at, self.event)
         except Diverges as d:
-            self.refused.append((_rank(d, engine), d))
+            # Its traceback would hold this search, which holds it.
+            self.refused.append((_rank(d, engine), d.with_traceback(None)))
         except CannotTell as error:
             self.given_up = str(error)
         else:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
+from itertools import chain
 
 from automcm_spec.log_format.log import Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log
@@ -137,9 +138,8 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Ch
             continue
         if p not in world.timelines:
             return None, f"{where}: no log of station {p}"
-        for period in world.timelines[p].periods("ADVERTISING", "prescriber"):
-            if period.session not in known:
-                continue
+        advertised = world.periods(p, "ADVERTISING", "prescriber")
+        for period in chain.from_iterable(advertised[s] for s in advertised if s in known):
             begun = world.elapsed(p, period.start.t_ms, line.station, m.t_ms)
             last = world.timelines[p].last[2] if period.end is None else period.end.t_ms
             over = world.elapsed(p, last, line.station, m.t_ms)

@@ -9,7 +9,6 @@ than the longest delay of a copy (docs/protocol.md, section 3).
 
 from __future__ import annotations
 
-import json
 from array import array
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
@@ -18,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise
+from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,12 +33,13 @@ from automcm_traces.system.log_clocks import Clocks, Travels
 NO_TX = 2**64 - 1
 NOBODY = 0
 """No station."""
-_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
+_ENCODED = c_make_encoder(None, None, encode_basestring_ascii, None, ":", ",", True, False, True)
+"""As by a JSONEncoder with sorted keys, which makes such an encoder anew for each value."""
 
 
 def content(message: Fields) -> str:
     """A message as text; equal messages give equal texts."""
-    return _ENCODER.encode(message)
+    return "".join(_ENCODED(message, 0))
 
 
 def sender_of(message: Fields, tx: str | None) -> int | None:

@@ -101,12 +101,12 @@ class Timeline:
     def _constant(self, part: Callable[[Moment], object]) -> Iterator[Period]:
         """Each period in which a part of the state has one value that is not None."""
         start: Moment | None = None
+        value: object = None
         for m in self.moments:
-            if start is not None and part(m) != part(start):
-                yield Period(self.station, start, m)
-                start = None
-            if start is None and part(m) is not None:
-                start = m
+            if (now := part(m)) != value:
+                if start is not None:
+                    yield Period(self.station, start, m)
+                start, value = m if now is not None else None, now
         if start is not None:
             yield Period(self.station, start, None)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from automcm_spec.log_format.log import (
     ApplicationIndication,
@@ -40,7 +40,7 @@ class World:
         self._forged = {found.at: found for found in self.deliveries.forged}
         self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
         self._leases: dict[int, dict[tuple[Session, int], int]] = {}
-        self._committed: dict[int, dict[Session | None, list[Period]]] = {}
+        self._periods: dict[tuple[int, str, str], dict[Session | None, list[Period]]] = {}
 
     def log(self, station: int) -> Log:
         """The log of a station that has one."""
@@ -80,14 +80,20 @@ class World:
                     found.setdefault((session, proposal), lease)
         return self._leases[station]
 
+    def periods(
+        self, station: int, phase: str, role: str
+    ) -> Mapping[Session | None, Sequence[Period]]:
+        """``Timeline.periods`` of a station, by session, in order."""
+        key = station, phase, role
+        if key not in self._periods:
+            found = self._periods[key] = {}
+            for period in self.timelines[station].periods(phase, role):
+                found.setdefault(period.session, []).append(period)
+        return self._periods[key]
+
     def committed(self, station: int, session: Session | None, proposal: int) -> list[Period]:
         """The periods in which a station is committed to a proposal of a session."""
-        if station not in self._committed:
-            found: dict[Session | None, list[Period]] = {}
-            for period in self.timelines[station].periods("ACTUATING", "receiver"):
-                found.setdefault(period.session, []).append(period)
-            self._committed[station] = found
-        periods = self._committed[station].get(session, [])
+        periods = self.periods(station, "ACTUATING", "receiver").get(session, ())
         return [period for period in periods if period.start.proposal == proposal]
 
     def received(self) -> dict[tuple[int, int, str], int]:

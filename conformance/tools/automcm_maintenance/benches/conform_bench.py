@@ -17,12 +17,12 @@ from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Owners
-from automcm_conformance.suite.suite_run import uncollected
 from automcm_conformance.suite.tally import PairPart
 from automcm_maintenance.benches.plugin import Timed, beside
 from automcm_maintenance.code_mutation.cpp_station import build, missing
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
+from automcm_spec.support.collection import uncollected
 
 LIMIT_S = 60.0
 SINGLES = 20_000

@@ -15,7 +15,8 @@ from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import named_cases
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
-from automcm_conformance.suite.suite_run import Graphs, special, tours, uncollected
+from automcm_conformance.suite.suite_run import Graphs, special, tours
+from automcm_spec.support.collection import uncollected
 
 RUNS, STARTS = 12, 2
 """Tries to shorten a failure: few, because only the failing case is needed."""
