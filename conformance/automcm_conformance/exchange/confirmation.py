@@ -13,8 +13,7 @@ from automcm_conformance.adapter.adapter import Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import ProtocolError
 from automcm_conformance.exchange.answers import differences
-from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
-from automcm_conformance.exchange.play import Wrong
+from automcm_conformance.exchange.exchange import Broken, Mismatch, Step, Wrong
 from automcm_conformance.exchange.records import replayed
 from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC
 

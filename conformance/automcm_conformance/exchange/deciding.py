@@ -7,13 +7,12 @@ The compiled specification is asked again, with real ids, in the state before th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 from automcm_conformance.adapter.protocol import Answer as Answered
 from automcm_conformance.adapter.protocol import ProtocolError, read_answer
-from automcm_conformance.exchange.exchange import Mismatch
-from automcm_conformance.exchange.play import Wrong
+from automcm_conformance.exchange.exchange import Mismatch, Wrong
+from automcm_conformance.exchange.results import Deciding
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.exchange.wire import ME
 from automcm_spec.graph.oracle import Oracle
@@ -52,21 +51,6 @@ MEANING = {
     "st.recorded = {}": "no participant is recorded",
 }
 """Guards in words, by their text in the specification; the others are shown as they are."""
-
-
-@dataclass(frozen=True, slots=True)
-class Deciding:
-    """What decides a wrong answer. Texts are empty if unknown."""
-
-    rule: str = ""
-    operator: str = ""
-    line: int = 0
-    """The line of Station.tla that names the rule."""
-    guard: str = ""
-    """The guards that were evaluated last, with the values in them."""
-    as_if: str = ""
-    """The guards that would have to be different to require the messages, the indication and the
-    phase of the answer."""
 
 
 def deciding_pair(oracle: Oracle, error: Wrong) -> Pair | None:

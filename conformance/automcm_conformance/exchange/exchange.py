@@ -16,6 +16,7 @@ from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import ProtocolError, read_answer
 from automcm_conformance.exchange.answers import Problem, differences
 from automcm_conformance.exchange.armed_timers import UNKNOWN, ArmedTimers
+from automcm_conformance.exchange.results import UNCONFIRMED, Deciding, Verdict
 from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Required, Values, Wire, encode
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
@@ -76,17 +77,55 @@ class Step:
         self.line = encode(self.command)
 
 
-class Mismatch(Exception):
-    """An answer that the specification does not allow: the answer to the last of ``steps``."""
+class Wrong(Exception):
+    """The station's answer to the last of ``steps`` is wrong, or missing. The kit's word about it:
+
+    ``deciding`` decides it, ``more`` follows the text, and ``unconfirmed``, one of UNCONFIRMED,
+    says why a fresh process does not fail; it is empty if it does.
+    """
+
+    def __init__(self, steps: list[Step], text: str) -> None:
+        super().__init__(text)
+        self.steps = steps
+        self.deciding, self.more, self.unconfirmed = Deciding(), "", ""
+
+    @property
+    def what(self) -> str:
+        """What is wrong, in one line."""
+        why = f"{self.unconfirmed}: {UNCONFIRMED[self.unconfirmed]}: " if self.unconfirmed else ""
+        return f"{why}{self}{self.more}"
+
+    @property
+    def difference(self) -> str:
+        """What differs, without values."""
+        return self.unconfirmed
+
+    @property
+    def verdict(self) -> Verdict:
+        """ERROR if the adapter broke, or did not answer twice in the same way."""
+        return "ERROR"
+
+
+class Mismatch(Wrong):
+    """An answer that the specification does not allow."""
 
     def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
-        super().__init__("; ".join(problem.text for problem in problems))
-        self.steps = steps
+        super().__init__(steps, "; ".join(problem.text for problem in problems))
         self.problems = problems
         self.synchronized = True
         """The reset that ended the exchange got its own answer."""
         self.session: Rename | None = None
         """The real session of each session of the graph."""
+
+    @property
+    def difference(self) -> str:
+        """What differs, without values."""
+        return self.unconfirmed or self.problems[0].kind
+
+    @property
+    def verdict(self) -> Verdict:
+        """ERROR if the adapter did not answer twice in the same way."""
+        return "ERROR" if self.unconfirmed else "FAIL"
 
     @property
     def parts(self) -> set[str]:
@@ -99,13 +138,12 @@ class Mismatch(Exception):
         return read_answer(self.steps[-1].answer).deadline
 
 
-class Broken(Exception):
-    """The station did not answer the last of ``steps``, or its answer is invalid. ``sent``: these
-    steps and those whose lines were written with them."""
+class Broken(Wrong):
+    """The station did not answer, or its answer is invalid. ``sent``: the steps and those whose
+    lines were written with them."""
 
     def __init__(self, steps: list[Step], error: Exception, sent: Sequence[Step] = ()) -> None:
-        super().__init__(str(error))
-        self.steps = steps
+        super().__init__(steps, str(error))
         self.error = error
         self.sent = list(sent) or steps
 
@@ -113,6 +151,11 @@ class Broken(Exception):
     def kind(self) -> str:
         """The kind of the AdapterError; empty for an invalid line."""
         return self.error.kind if isinstance(self.error, AdapterError) else ""
+
+    @property
+    def difference(self) -> str:
+        """What differs, without values."""
+        return self.unconfirmed or self.kind
 
     @property
     def stderr(self) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from automcm_conformance.exchange.exchange import Broken, Exchange, Infeasible, Mismatch
+from automcm_conformance.exchange.exchange import Exchange, Infeasible, Wrong
 from automcm_conformance.exchange.tours import Pair, timetable
 from automcm_conformance.exchange.wire import LONG_MS, long
 from automcm_spec.graph.oracle import Oracle
@@ -15,7 +15,6 @@ LEASES = (LONG_MS, 1_000)
 """Leases without ``durations``: one that outlasts every other timer, and one that expires first."""
 RUNS = 120
 """Exchanges tried in order to shorten one."""
-Wrong = Mismatch | Broken
 Short = tuple[list[int], Wrong]
 """Inputs, and what goes wrong at the last of them."""
 

@@ -15,8 +15,12 @@ Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 KEPT = "state kept over reset"
 NONDETERMINISTIC = "nondeterministic"
-UNCONFIRMED = (KEPT, NONDETERMINISTIC)
-"""The differences of failures that a fresh process does not show: other verdicts are doubtful."""
+UNCONFIRMED = {
+    KEPT: "a fresh process answers the same lines correctly, a used one does not",
+    NONDETERMINISTIC: "answered differently when the same was sent again",
+}
+"""The differences of failures that a fresh process does not show, in words: other verdicts are
+doubtful."""
 CUT_SHORT = "cut short"
 """The beginning of a problem or note about a run that did not drive all."""
 INTERRUPTED = "interrupted"
@@ -33,6 +37,21 @@ def _share(pair: list[int]) -> list[int]:
 
 Share = Annotated[list[int], AfterValidator(_share)]
 """[reached, total]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Deciding:
+    """What decides a wrong answer. Texts are empty if unknown."""
+
+    rule: str = ""
+    operator: str = ""
+    line: int = 0
+    """The line of Station.tla that names the rule."""
+    guard: str = ""
+    """The guards that were evaluated last, with the values in them."""
+    as_if: str = ""
+    """The guards that would have to be different to require the messages, the indication and the
+    phase of the answer."""
 
 
 @dataclass(slots=True)
@@ -106,26 +125,12 @@ class CaseResult:
         return self.verdict == self.wanted or (self.verdict == "SKIP" and self.wanted == "PASS")
 
 
-@dataclass(slots=True)
-class Cause:
-    """Failures with equal difference that one operator decided: probably one bug.
+Cause = list[tuple[CaseResult, Failure]]
+"""Failures with equal difference that one operator decided, and their cases: probably one bug. The
+first has the shortest exchange.
 
-    The difference in one field, such as ``Ack.of.seq``, is one cause whatever decided.
-    """
-
-    verdict: Verdict
-    case: str
-    """The case with the shortest exchange; ``shown`` is its failure."""
-    shown: Failure
-    failures: int
-    cases: list[str]
-
-    def as_dict(self) -> dict[str, object]:
-        """For JSON: the failure is named by its replay and described in its case."""
-        names = "rule", "operator", "line", "what", "guard", "timer", "difference", "replay"
-        about = {name: getattr(self.shown, name) for name in names}
-        counted = {"failures": self.failures, "cases": self.cases}
-        return {"verdict": self.verdict, "case": self.case, **about, **counted}
+The difference in one field, such as ``Ack.of.seq``, is one cause whatever decided.
+"""
 
 
 def causes(cases: Iterable[CaseResult]) -> list[Cause]:
@@ -134,16 +139,28 @@ def causes(cases: Iterable[CaseResult]) -> list[Cause]:
     What makes other verdicts doubtful comes first, then FAIL, then ERROR; failures of one station
     come before those of a scenario, and the shortest exchange comes first.
     """
-    groups: dict[tuple[str, ...], list[tuple[CaseResult, Failure]]] = {}
+    groups: dict[tuple[str, ...], Cause] = {}
     for case in cases:
         for failure in case.failures:
             groups.setdefault(_cause(case, failure), []).append((case, failure))
-    found = []
     for group in groups.values():
-        case, shown = min(group, key=lambda one: _order(*one))
-        names = list(dict.fromkeys(each.id for each, _ in group))
-        found.append(Cause(case.verdict, case.id, shown, len(group), names))
-    return sorted(found, key=lambda cause: (_rank(cause), _length(cause.shown), -cause.failures))
+        first = group.index(min(group, key=lambda one: _order(*one)))
+        group.insert(0, group.pop(first))
+    return sorted(groups.values(), key=lambda found: (*_rank(*found[0]), -len(found)))
+
+
+def _as_dict(cause: Cause) -> dict[str, object]:
+    """For JSON: the failure is named by its replay and described in its case."""
+    case, shown = cause[0]
+    names = "rule", "operator", "line", "what", "guard", "timer", "difference", "replay"
+    about = {name: getattr(shown, name) for name in names}
+    counted = {"failures": len(cause), "cases": ids_of(cause)}
+    return {"verdict": case.verdict, "case": case.id, **about, **counted}
+
+
+def ids_of(cause: Cause) -> list[str]:
+    """The ids of the cases that show a cause."""
+    return list(dict.fromkeys(case.id for case, _ in cause))
 
 
 def _cause(case: CaseResult, failure: Failure) -> tuple[str, ...]:
@@ -156,9 +173,9 @@ def _order(case: CaseResult, failure: Failure) -> tuple[bool, int, str, str]:
     return _in_scenario(case.id), _length(failure), case.id, failure.replay
 
 
-def _rank(cause: Cause) -> tuple[int, bool]:
-    doubtful = cause.shown.difference in UNCONFIRMED
-    return 0 if doubtful else 1 if cause.verdict == "FAIL" else 2, _in_scenario(cause.case)
+def _rank(case: CaseResult, shown: Failure) -> tuple[int, bool, int]:
+    kind = 0 if shown.difference in UNCONFIRMED else 1 if case.verdict == "FAIL" else 2
+    return kind, _in_scenario(case.id), _length(shown)
 
 
 def _in_scenario(case: str) -> bool:
@@ -249,7 +266,7 @@ class Report:
             "implementation": out.pop("implementation"),
             "counts": self.counts,
             "exit_code": self.exit_code,
-            "causes": [cause.as_dict() for cause in self.causes],
+            "causes": [_as_dict(cause) for cause in self.causes],
             **out,
         }
 

@@ -15,10 +15,9 @@ from pathlib import Path
 from random import Random
 
 from automcm_conformance.adapter.adapter import Adapter, LineByLine
-from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import Refused
 from automcm_conformance.exchange import records, transcript
-from automcm_conformance.exchange.deciding import Deciding, deciding
+from automcm_conformance.exchange.deciding import deciding
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
@@ -26,13 +25,18 @@ from automcm_conformance.exchange.exchange import (
     Mismatch,
     Step,
     Unpredicted,
+    Wrong,
 )
-from automcm_conformance.exchange.play import Wrong
-from automcm_conformance.exchange.results import BROKE, NONDETERMINISTIC, CaseResult, Exploration
+from automcm_conformance.exchange.results import (
+    BROKE,
+    NONDETERMINISTIC,
+    CaseResult,
+    Deciding,
+    Exploration,
+)
 from automcm_conformance.exchange.wire import LONG, LONG_MS, VALUES
 from automcm_conformance.explore.walk_shrinking import (
     HANG,
-    STARTS,
     FailingWalk,
     Shrinker,
     pair_of,
@@ -49,18 +53,15 @@ from automcm_conformance.explore.walks import (
 )
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Notify, Runner
-from automcm_conformance.suite.suite_run import uncollected
-from automcm_conformance.suite.tally import Fault
 from automcm_conformance.suite.verdicts import failure, implementation
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
 from automcm_spec.support import files
+from automcm_spec.support.collection import uncollected
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Receive
 
 GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
-BULK = 1_500
-"""About this many lines are written before their answers are read."""
 LENGTHS = (20, 60, 120)
 """Possible numbers of acts in a walk."""
 WEIGHTS = {"one-peer": 3, "two-peers": 5, "tight": 1}
@@ -76,14 +77,13 @@ LEASES_MS = (300, 1_700, 9_000, LONG_MS)
 
 @dataclass(slots=True)
 class Walk:
-    """One walk; ``x`` is its exchange while it waits to be judged."""
+    """One walk."""
 
     number: int
     coverage: WalkCoverage
     faults: Faults
     setting: Setting
     acts: list[Act]
-    x: Exchange | None = None
 
     def id(self, seed: int) -> str:
         """The case id: seed and number determine the walk, the rest describes it."""
@@ -122,19 +122,9 @@ class Explorer:
 
     def run(self, more: Callable[[int], bool]) -> None:
         """Walk while ``more``, called with the number of walks, returns true."""
-        waiting: list[Walk] = []
-        lines, number = 0, 0
-        while self._continues and more(number):
-            number += 1
-            new = self._walk(number)
-            if new is not None:
-                waiting.append(new)
-                lines += len(new.x.unwritten_steps) if new.x is not None else 0
-            if lines >= BULK or new is None:
-                self._judge_all(waiting)
-                waiting, lines = [], 0
-                self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
-        self._judge_all(waiting)
+        while self._continues and more(self.found.walks):
+            self._walk(self.found.walks + 1)
+            self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         if not self.coverages:
             self.found.problems.append("no graph has the fixed limits of the implementation")
         elif self.runner.cut_short:
@@ -150,8 +140,8 @@ class Explorer:
 
     # -- walks
 
-    def _walk(self, number: int) -> Walk | None:
-        """A new walk.  None if it has been judged at once, because it needed answers."""
+    def _walk(self, number: int) -> None:
+        """Play a new walk and judge it."""
         random = Random(f"{self.seed}/{number}")
         weights = [WEIGHTS[coverage.name] for coverage in self.coverages]
         coverage = random.choices(self.coverages, weights)[0]
@@ -172,7 +162,7 @@ class Explorer:
         )
         walker, length = Walker(coverage, random, faults), random.choice(LENGTHS)
         new = Walk(number, coverage, faults, setting, [])
-        x = new.x = self._exchange(new.coverage, setting)
+        x, wrong = self._exchange(coverage, setting, predict=self.runner.predict), None
         try:
             if timed:
                 new.acts = walker.timed(length)
@@ -180,20 +170,24 @@ class Explorer:
             else:
                 walker.natural(x, setting, length, new.acts)
                 x.end_with_reset()
-            if not x.begun:
-                return new
             x.flush()
-        except (Mismatch, Broken, Unpredicted) as error:
-            self._judge(new, x, error)
-        else:
-            self._judge(new, x, None)
-        return None
+        except Unpredicted:
+            self.runner.predict = False
+        except Wrong as error:
+            wrong = error
+        self.found.walks += 1
+        self.found.lines += len(x.done if wrong is None else wrong.steps)
+        for pair in (pair for step in x.done for pair in step.pairs):
+            coverage.mark(pair, JUDGED)
+        if wrong is not None:
+            self._handle_failure(new, wrong)
 
     def _exchange(
         self,
         coverage: WalkCoverage,
         setting: Setting,
-        predict: bool | None = None,
+        *,
+        predict: bool = False,
         link: LineLink | None = None,
     ) -> Exchange:
         return self.runner.exchange(
@@ -201,77 +195,11 @@ class Explorer:
             {**USUAL, **dict(setting.parameters)},
             rich=setting.rich,
             values=setting.values,
-            predict=self.runner.predict if predict is None else predict,
+            predict=predict,
             link=link,
         )
 
-    def _judge_all(self, walks: Sequence[Walk]) -> None:
-        """Judge the waiting walks.  After a failure the others are played again, because the
-        station may be out of step."""
-        remaining = list(walks)
-        while remaining and self._continues:
-            if not self.runner.predict:  # its lines depend on answers
-                self._judge_alone(remaining.pop(0))
-                continue
-            exchanges = [each.x or self._play(each) for each in remaining]
-            done, error = self._exchange_all(exchanges)
-            for each, x in zip(remaining[:done], exchanges, strict=False):
-                self._judge(each, x, None)
-            if error is not None:
-                self._judge(remaining[done], exchanges[done], error)
-                done += 1
-            remaining = remaining[done:]
-            for each in remaining:
-                each.x = None
-
-    def _judge_alone(self, each: Walk) -> None:
-        x = self._exchange(each.coverage, each.setting)
-        try:
-            walk(x, each.acts, each.setting)
-            x.flush()
-        except (Mismatch, Broken) as error:
-            self._judge(each, x, error)
-        else:
-            self._judge(each, x, None)
-
-    def _play(self, each: Walk) -> Exchange:
-        x = self._exchange(each.coverage, each.setting)
-        walk(x, each.acts, each.setting)
-        return x
-
-    def _exchange_all(
-        self, exchanges: Sequence[Exchange]
-    ) -> tuple[int, Wrong | Unpredicted | None]:
-        """Send the lines of all exchanges; how many were right, and the error of the next."""
-        broken: AdapterError | None = None
-        try:
-            answers = self.runner.adapter.exchange(
-                [line for x in exchanges for line in x.unwritten_lines]
-            )
-        except AdapterError as error:
-            answers, broken = error.answers, error
-        for n, x in enumerate(exchanges):
-            expected = len(x.unwritten_steps)
-            own, answers = answers[:expected], answers[expected:]
-            try:
-                x.answered(own, broken if len(own) < expected else None)
-            except (Mismatch, Broken, Unpredicted) as error:
-                return n, error
-        return len(exchanges), None
-
     # -- judging
-
-    def _judge(self, each: Walk, x: Exchange, error: Wrong | Unpredicted | None) -> None:
-        steps = x.done if error is None or isinstance(error, Unpredicted) else error.steps
-        self.found.walks += 1
-        self.found.lines += len(steps)
-        for step in x.done:
-            for pair in step.pairs:
-                each.coverage.mark(pair, JUDGED)
-        if isinstance(error, Unpredicted):
-            self.runner.predict = False
-        elif error is not None:
-            self._handle_failure(each, error)
 
     def _handle_failure(self, each: Walk, error: Wrong) -> None:
         """Shorten and report a failing walk, unless an equal failure is known."""
@@ -295,7 +223,6 @@ class Explorer:
         shrinker = Shrinker(
             coverage,
             lambda setting, acts: self._attempt(each, setting, acts, rule),
-            lambda setting, walks: self._first(each, setting, walks, rule),
             runner.timed,
             lambda: self._broken,
         )
@@ -344,55 +271,16 @@ class Explorer:
     ) -> Wrong | None:
         """Play one walk; returns its failure if that breaks ``rule`` (None: any rule)."""
         link = LineByLine(self.runner.adapter) if singly else None
-        x = self._exchange(each.coverage, setting, predict=False, link=link)
+        x = self._exchange(each.coverage, setting, link=link)
         try:
             walk(x, acts, setting)
             x.flush()
-        except (Mismatch, Broken) as error:
+        except Wrong as error:
             self._last = error.steps
             self.runner.resynchronize(error)
             return error if rule in (None, rule_of(each.coverage.oracle, error)) else None
         self._last = x.done
         return None
-
-    def _first(
-        self, each: Walk, setting: Setting, walks: Sequence[Sequence[Act]], rule: str
-    ) -> int | None:
-        """The index of the first walk that breaks this rule, or None.  Sends many at once."""
-        at, limit = 0, self._broken + STARTS
-        while at < len(walks) and self._broken < limit:
-            exchanges = self._unwritten(each.coverage, setting, walks[at:])
-            if not exchanges:
-                if self._attempt(each, setting, walks[at], rule) is not None:
-                    return at
-                at += 1
-                continue
-            n, error = self._exchange_all(exchanges)
-            at += n
-            if isinstance(error, Unpredicted):
-                self.runner.predict = False
-            elif error is not None:
-                self.runner.resynchronize(error)
-                if rule_of(each.coverage.oracle, error) == rule:
-                    return at
-                at += 1
-        return None
-
-    def _unwritten(
-        self, coverage: WalkCoverage, setting: Setting, walks: Sequence[Sequence[Act]]
-    ) -> list[Exchange]:
-        """Exchanges for the first of these walks, up to one whose lines depend on answers."""
-        exchanges: list[Exchange] = []
-        for acts in walks if self.runner.predict else ():
-            x = self._exchange(coverage, setting)
-            try:
-                walk(x, acts, setting)
-            except (Mismatch, Broken, Unpredicted):
-                break  # it is played alone
-            if x.begun:
-                break
-            exchanges.append(x)
-        return exchanges
 
     # -- reports
 
@@ -420,15 +308,14 @@ class Explorer:
         pair = pair_of(error)
         oracle = each.coverage.oracle
         rule = rule_of(oracle, error)
-        unconfirmed = "" if again else NONDETERMINISTIC
-        decided = Deciding(rule) if pair is None else deciding(oracle, error, pair)
-        fault = Fault(error, decided, unconfirmed=unconfirmed)
+        error.unconfirmed = "" if again else NONDETERMINISTIC
+        error.deciding = Deciding(rule) if pair is None else deciding(oracle, error, pair)
         case = each.id(self.seed)
-        described = failure(self.runner, case, 1, fault, self._folder)
+        described = failure(self.runner, case, 1, error, self._folder)
         rules = [rule] if rule else []
         given = f"a walk over {each.coverage.name} with {each.faults}"
         result = CaseResult(
-            case, fault.verdict, rules, "MUST", given, "", "", "", "", described.what
+            case, error.verdict, rules, "MUST", given, "", "", "", "", described.what
         )
         result.failures = [described]
         self.found.cases.append(result)
@@ -450,7 +337,7 @@ def _signature(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
             subject = timer[0]
         case Command(name=name):
             subject = name
-    parts = error.parts if isinstance(error, Mismatch) else {error.kind}
+    parts = error.parts if isinstance(error, Mismatch) else {error.difference}
     return rule_of(oracle, error), value.kind if value else "nothing", subject, *sorted(parts)
 
 

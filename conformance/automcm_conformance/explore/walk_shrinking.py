@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from automcm_conformance.exchange.exchange import Broken
-from automcm_conformance.exchange.play import Wrong, offered
+from automcm_conformance.exchange.exchange import Broken, Wrong
+from automcm_conformance.exchange.play import offered
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.explore.walks import Act, Setting, WalkCoverage
 from automcm_spec.graph.oracle import Oracle
@@ -16,8 +16,6 @@ from automcm_spec.vocabulary.station import State
 
 NEAREST = 600
 """At most this many pairs of the broken rule are tried, nearest to the initial state first."""
-BATCH = 50
-"""This many of them are tried at a time."""
 RUNS = 400
 """At most this many walks are played to shorten one."""
 STARTS = 20
@@ -29,8 +27,6 @@ ROUND_MS = (1_000, 100, 10)
 Attempt = Callable[[Setting, Sequence[Act]], Wrong | None]
 """Plays a walk; returns its failure if that breaks the rule in question."""
 Kind = tuple[str, str, int]
-First = Callable[[Setting, Sequence[Sequence[Act]]], int | None]
-"""Plays walks; returns the index of the first that breaks the rule in question."""
 
 
 @dataclass(slots=True)
@@ -74,7 +70,6 @@ class Shrinker:
 
     coverage: WalkCoverage
     attempt: Attempt
-    first: First
     timed: bool
     broken: Callable[[], int]
     """The number of crashes so far; a hang counts as HANG crashes."""
@@ -160,14 +155,10 @@ class Shrinker:
 
     def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> FailingWalk | None:
         """The first of these walks that breaks the rule."""
-        some = list(islice(walks, self.near))
-        for at in range(0, len(some), BATCH):
+        for acts in islice(walks, self.near):
             if self._ended:
                 break
-            batch = some[at : at + BATCH]
-            n = self.first(setting, batch)
-            short = None if n is None else self._try(setting, batch[n])
-            if short is not None:
+            if self.attempt(setting, acts) is not None and (short := self._try(setting, acts)):
                 return short
         return None
 

@@ -26,6 +26,7 @@ from automcm_conformance.exchange.results import (
     Level,
     Report,
     Verdict,
+    ids_of,
 )
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, errors_of, printable
@@ -175,7 +176,6 @@ def html(reports: list[Report]) -> str:
         about=about,
         compared=compared,
         divided=divided,
-        of_case=lambda report, id_: next(case for case in report.cases if case.id == id_),
         rules=_cited(reports),
         sources=(sources := _sources(reports)),
         placed={number for lines in sources.values() for number, _ in lines},
@@ -367,8 +367,8 @@ def _junit(report: Report) -> JUnitXml:
     who, found = report.implementation, report.causes
     named: dict[str, str] = {}
     for n, cause in enumerate(found, 1):
-        for id_ in cause.cases:
-            named.setdefault(id_, f"cause {n} of {len(found)}, {cause.shown.rule}")
+        for case, _ in cause:
+            named.setdefault(case.id, f"cause {n} of {len(found)}, {cause[0][1].rule}")
     suites: dict[str, TestSuite] = {}
     for case in report.cases:
         name = visible(case.id.rpartition("/")[0] or case.id)
@@ -438,12 +438,12 @@ def about(failure: Failure) -> list[str]:
 
 def seen_in(cause: Cause) -> str:
     """How often a cause was seen, and in which cases."""
-    others = [name for name in cause.cases if name != cause.case]
+    _, *others = ids_of(cause)
     if not others:
-        return f"Seen {_count(cause.failures, 'time')}, in this case only"
+        return f"Seen {_count(len(cause), 'time')}, in this case only"
     more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
     shown = ", ".join(others[:NAMED])
-    return f"Seen {_count(cause.failures, 'time')}, also in {shown}{more}"
+    return f"Seen {_count(len(cause), 'time')}, also in {shown}{more}"
 
 
 def _failure_text(failure: Failure) -> str:

@@ -80,15 +80,14 @@ def summary(report: Report, console: Console, folder: Path | None = None) -> Non
 def _causes(report: Report, console: Console) -> None:
     """Print the causes of the unexpected failures: some in full, the others in one line."""
     found = causes(report.unexpected)
-    cases = {case.id: case for case in report.unexpected}
     for n, cause in enumerate(found[:IN_FULL], 1):
         console.print(Text(f"Cause {n} of {len(found)}", "bold"))
-        failure(cases[cause.case], cause.shown, console, LINES)
+        failure(*cause[0], console, LINES)
         console.print(_text(seen_in(cause)))
         console.print()
-    for n, cause in enumerate(found[IN_FULL:CASES], IN_FULL + 1):
-        head = f"{n} of {len(found)}: {cause.verdict} {cause.shown.rule}: "
-        console.print(_text(f"{head}{cause.shown.what}", limit=SHORT))
+    for n, ((case, shown), *_) in enumerate(found[IN_FULL:CASES], IN_FULL + 1):
+        head = f"{n} of {len(found)}: {case.verdict} {shown.rule}: "
+        console.print(_text(f"{head}{shown.what}", limit=SHORT))
     if len(found) > CASES:
         console.print(Text(f"and {len(found) - CASES} more causes"))
     unclear = sum(case.verdict == "INCONC" for case in report.unexpected)

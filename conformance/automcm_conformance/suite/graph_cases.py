@@ -12,7 +12,7 @@ from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import DEFAULTS, NEEDS, ProtocolError, Refused
 from automcm_conformance.exchange.answers import BACK_OFF, MARKS
 from automcm_conformance.exchange.confirmation import in_fresh_process
-from automcm_conformance.exchange.deciding import Deciding, deciding, deciding_pair
+from automcm_conformance.exchange.deciding import deciding, deciding_pair
 from automcm_conformance.exchange.exchange import (
     Broken,
     Exchange,
@@ -20,16 +20,16 @@ from automcm_conformance.exchange.exchange import (
     Mismatch,
     Step,
     Unpredicted,
+    Wrong,
 )
-from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shortened
-from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC
+from automcm_conformance.exchange.play import LEASES, RUNS, play, shortened
+from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC, Deciding
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
     WHOLE,
-    Fault,
     PairPart,
     PartRun,
     Tally,
@@ -85,7 +85,7 @@ class Runner:
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
         """The rules that decide the pairs of the chosen cases."""
-        self.elsewhere: Fault | None = None
+        self.elsewhere: Wrong | None = None
         """The first wrong answer of a case that is not part of the run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
@@ -325,7 +325,7 @@ class Runner:
             active.off = play(x, tour, self.timed, lease, soonest)
             if x.begun:
                 x.flush()
-        except (Mismatch, Broken, Unpredicted) as error:
+        except (Wrong, Unpredicted) as error:
             self._finish(run, active, error)
             return
         if x.begun:
@@ -357,7 +357,7 @@ class Runner:
                     ended = ended or (active, len(mine))
                 else:
                     active.x.answered(mine, broken if len(mine) < asked else None)
-            except (Mismatch, Broken, Unpredicted) as wrong:
+            except (Wrong, Unpredicted) as wrong:
                 self._finish(run, active, wrong)
                 break  # what follows was not played, or may be out of step; it is played again
             self._finish(run, active)
@@ -461,7 +461,7 @@ class Runner:
             try:
                 play(x, again, self.timed, active.lease, soonest)
                 x.flush()
-            except (Mismatch, Broken) as wrong:
+            except Wrong as wrong:
                 self.resynchronize(wrong)
                 return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
@@ -563,7 +563,7 @@ class Runner:
         if isinstance(error, Mismatch) and error.parts == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self.fault(part, pair, error, purpose, why, unconfirmed=unconfirmed)
+        fault = self.labelled(part, pair, error, purpose, why, unconfirmed=unconfirmed)
         if tally is None:
             self.elsewhere = self.elsewhere or fault
             return
@@ -572,7 +572,7 @@ class Runner:
         if tally.decided:
             run.tours.drop(tally.purpose.id)
 
-    def fault(
+    def labelled(
         self,
         part: PairPart,
         pair: Pair | None,
@@ -581,9 +581,8 @@ class Runner:
         why: str = "",
         *,
         unconfirmed: str = "",
-    ) -> Fault:
-        """A fault, labelled with what decides ``pair``; without one, with the case's first
-        rule."""
+    ) -> Wrong:
+        """A wrong answer with what decides ``pair``; without one, with the case's first rule."""
         decided = Deciding(purpose.rules[0] if purpose else "")
         if pair is not None and part.oracle.answer(*pair) is not None:
             decided = deciding(part.oracle, error, pair)
@@ -595,7 +594,8 @@ class Runner:
             decided = Deciding("END-6", "Ack", operators(TLA)["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
-        return Fault(error, decided, why, unconfirmed)
+        error.deciding, error.more, error.unconfirmed = decided, why, unconfirmed
+        return error
 
 
 def _is_sampled(tally: Tally, answer: OracleAnswer) -> bool:

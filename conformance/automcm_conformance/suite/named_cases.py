@@ -10,7 +10,7 @@ from pathlib import Path
 from automcm_conformance.exchange import records
 from automcm_conformance.exchange.answers import Problem
 from automcm_conformance.exchange.deciding import deciding_pair
-from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.exchange import Mismatch, Step, Wrong
 from automcm_conformance.exchange.play import play
 from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair
@@ -43,13 +43,13 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
                 gc.collect()  # finished exchanges hold themselves
             infeasible += x is None
             steps = steps or (x.done if x is not None else [])
-    except (Mismatch, Broken) as error:
+    except Wrong as error:
         runner.adapter.renew()
         runner.hung(part, error)
         wrong, unconfirmed = runner.confirmed(tally, error, repeated=True)
         steps = wrong.steps
         pair = deciding_pair(part.oracle, wrong)
-        tally.faults.append(runner.fault(part, pair, wrong, purpose, unconfirmed=unconfirmed))
+        tally.faults.append(runner.labelled(part, pair, wrong, purpose, unconfirmed=unconfirmed))
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden
@@ -80,7 +80,7 @@ def samples(runner: Runner, folder: Path) -> None:
     get equal answers."""
     for name, tally in runner.tallies.items():
         if tally.faults:
-            tally.log = _log(runner, folder, name, tally.faults[0].error.steps)
+            tally.log = _log(runner, folder, name, tally.faults[0].steps)
         elif tally.sample is not None and not runner.cut_short:
             runner.notify(f"log: {name}")
             _sample(runner, tally, *tally.sample, folder)
@@ -91,19 +91,19 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
     if way is None:
         return
     runs: list[list[Step]] = []
-    wrong: list[Mismatch | Broken] = []
+    wrong: list[Wrong] = []
     for _ in range(2):
         x = runner.exchange(part.oracle)
         try:
             play(x, [*way, pair[1]], runner.timed)
             x.flush()
-        except (Mismatch, Broken) as error:
+        except Wrong as error:
             runner.adapter.renew()
             wrong.append(error)
         runs.append(wrong[-1].steps if wrong else x.done)
     if wrong:
         found, unconfirmed = runner.confirmed(tally, wrong[0], repeated=len(wrong) == 2)
-        fault = runner.fault(part, pair, found, tally.purpose, unconfirmed=unconfirmed)
+        fault = runner.labelled(part, pair, found, tally.purpose, unconfirmed=unconfirmed)
         tally.faults.append(fault)
         return
     tally.log = _log(runner, folder, tally.purpose.id, runs[0])
@@ -112,7 +112,9 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
             what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
             differs = Mismatch(runs[1], [Problem("answer", what)])
             why = NONDETERMINISTIC
-            tally.faults.append(runner.fault(part, pair, differs, tally.purpose, unconfirmed=why))
+            tally.faults.append(
+                runner.labelled(part, pair, differs, tally.purpose, unconfirmed=why)
+            )
             return
 
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
 from automcm_conformance.exchange.answers import BACK_OFF, Problem
-from automcm_conformance.exchange.exchange import Broken, Exchange, Mismatch, Step
+from automcm_conformance.exchange.exchange import Exchange, Mismatch, Step, Wrong
 from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import quantity_cases, scripts, session_cases
@@ -120,7 +120,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
         x.malformed(message, f"{type_} with {what}")
     try:
         x.flush()
-    except (Mismatch, Broken) as error:
+    except Wrong as error:
         wrong = _alone(fresh, script, error.steps[-1]) or error
         wrong.args = (f"{wrong.steps[-1].fault or type_}: {wrong}",)
         raise wrong from None
@@ -129,7 +129,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     yield x
 
 
-def _alone(fresh: Fresh, script: Script, step: Step) -> Mismatch | Broken | None:
+def _alone(fresh: Fresh, script: Script, step: Step) -> Wrong | None:
     """The failure if this malformed message is the only one; None if there is none."""
     if not step.fault:
         return None
@@ -138,7 +138,7 @@ def _alone(fresh: Fresh, script: Script, step: Step) -> Mismatch | Broken | None
         play(x, script)
         x.malformed(step.command["message"], step.fault)
         x.flush()
-    except (Mismatch, Broken) as error:
+    except Wrong as error:
         return error
     return None
 
@@ -149,7 +149,7 @@ def bounds(fresh: Fresh, type_: str) -> Played:
     for what, fields in edge_cases(fresh(USUAL).wire.command(good, 0)["message"]):
         try:
             yield played(fresh(USUAL), [*script, With(fields, good), *after])
-        except (Mismatch, Broken) as error:
+        except Wrong as error:
             error.args = (f"{type_} with {what}: {error}",)
             raise
 

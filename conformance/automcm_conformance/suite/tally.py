@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from automcm_conformance.exchange.deciding import Deciding
-from automcm_conformance.exchange.exchange import Broken, Exchange, Mismatch
-from automcm_conformance.exchange.play import Wrong
-from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC, Verdict
+from automcm_conformance.exchange.exchange import Exchange, Wrong
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import Values
 from automcm_conformance.scenarios.scenario_runner import ScenarioOutcome
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_spec.graph.oracle import Oracle
 
-UNCONFIRMED_TEXTS = {
-    KEPT: "a fresh process answers the same lines correctly, a used one does not",
-    NONDETERMINISTIC: "answered differently when the same was sent again",
-}
 WHOLE = "the whole suite, not --quick"
 """What a pair or a case that ``--quick`` omits needs."""
 ENOUGH = 3
@@ -40,41 +33,6 @@ class PairPart:
     tours: Tours | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """A wrong exchange: its last answer is wrong, or missing."""
-
-    error: Wrong
-    deciding: Deciding
-    more: str = ""
-    """Text that follows that of the error."""
-    unconfirmed: str = ""
-    """Why a fresh process does not fail: one of UNCONFIRMED; empty if it does."""
-
-    @property
-    def rule(self) -> str:
-        """The rule that decides; empty if none is known."""
-        return self.deciding.rule
-
-    @property
-    def what(self) -> str:
-        """What is wrong, in one line."""
-        why = self.unconfirmed
-        return f"{f'{why}: {UNCONFIRMED_TEXTS[why]}: ' if why else ''}{self.error}{self.more}"
-
-    @property
-    def difference(self) -> str:
-        """What differs, without values."""
-        if self.unconfirmed or not isinstance(self.error, Mismatch):
-            return self.unconfirmed or (self.error.kind if isinstance(self.error, Broken) else "")
-        return self.error.problems[0].kind
-
-    @property
-    def verdict(self) -> Verdict:
-        """ERROR if the adapter broke, or did not answer twice in the same way."""
-        return "FAIL" if isinstance(self.error, Mismatch) and not self.unconfirmed else "ERROR"
-
-
 @dataclass(slots=True)
 class Tally:
     """The state of one case."""
@@ -87,7 +45,7 @@ class Tally:
     """Wrong answers at its pairs, whichever case is to blame."""
     skipped: Counter[str] = field(default_factory=Counter)
     """The numbers of omitted pairs, by reason."""
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[Wrong] = field(default_factory=list)
     sample: tuple[PairPart, Pair] | None = None
     """A pair that was driven."""
     log: str = ""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.exchange import records, transcript
+from automcm_conformance.exchange.exchange import Wrong
 from automcm_conformance.exchange.results import (
     INTERRUPTED,
     VERDICTS,
@@ -23,7 +24,7 @@ from automcm_conformance.exchange.results import (
 )
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
-from automcm_conformance.suite.tally import Fault, Tally
+from automcm_conformance.suite.tally import Tally
 from automcm_spec.support import files
 from automcm_spec.vocabulary.rules import RULES, handler, line
 from automcm_traces.checker.finding import NOTHING_WRONG
@@ -103,7 +104,7 @@ def report(
     problems = list(runner.adapter.problems)
     notes = [runner.adapter.slowness]
     if runner.elsewhere is not None:
-        about = f"{runner.elsewhere.rule}: {runner.elsewhere.what}"
+        about = f"{runner.elsewhere.deciding.rule}: {runner.elsewhere.what}"
         notes.append(f"a case that was not chosen fails: {about}")
     if runner.cut_short:
         is_wanted = runner.has_enough or runner.cut_short == INTERRUPTED
@@ -191,13 +192,13 @@ def _behind(runner: Runner) -> str:
     return f"{limit}-- {shlex.join(adapter.command)}"
 
 
-def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Failure:
+def failure(runner: Runner, case: str, n: int, fault: Wrong, folder: Path) -> Failure:
     """The report's text of a fault; its replay is written."""
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
     files.folder(replay.parent)
-    steps = fault.error.steps
-    files.write(replay, records.replay_text(case, fault.rule, fault.what, steps))
+    steps = fault.steps
+    files.write(replay, records.replay_text(case, fault.deciding.rule, fault.what, steps))
     last, lines = steps[-1], transcript.exchange(steps)
     if len(lines) > SHOWN:
         cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
@@ -205,11 +206,11 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     came = (
         [transcript.answered(last.answer)]
         if last.answer
-        else ["no answer", *getattr(fault.error, "stderr", ())]
+        else ["no answer", *getattr(fault, "stderr", ())]
     )
     again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
     at, allowed = str(replay.relative_to(folder)), transcript.allowed(last.expected)
-    told = fault.rule, fault.deciding.operator, fault.deciding.line
+    told = fault.deciding.rule, fault.deciding.operator, fault.deciding.line
     made = _failure(fault.what, told, allowed, came, lines, at, again)
     made.guard, made.as_if = fault.deciding.guard, fault.deciding.as_if
     made.timer, made.difference = last.expected.timer, fault.difference

@@ -34,7 +34,7 @@ def test_state_that_is_kept_over_reset_is_named(conform: Suite) -> None:
     found = conform(station(STATIC), "AMCM/STA/ADV/BV-02", states=60)
     (case,) = found.cases
     assert case.verdict == "ERROR" and case.reason.startswith(f"{KEPT}: a fresh process")
-    assert found.causes[0].shown.difference == KEPT
+    assert found.causes[0][0][1].difference == KEPT
 
 
 class Scripted:

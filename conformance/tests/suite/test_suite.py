@@ -262,10 +262,10 @@ def answer(c):
 
 def test_an_error_in_a_scenario_says_what_happened(conform: Suite) -> None:
     found = conform(broken("crashes_on_a_prescription"), "AMCM/SYS/ACT/BV-01")
-    (cause,) = found.causes
+    (((case, shown),),) = found.causes
     text = "2002: the adapter exited after 0 of 1 answers, with exit code 1"
-    assert (cause.verdict, report.about(cause.shown)) == ("ERROR", [text])
-    assert cause.shown.difference == "ERROR in a scenario"
+    assert (case.verdict, report.about(shown)) == ("ERROR", [text])
+    assert shown.difference == "ERROR in a scenario"
 
 
 @pytest.mark.sweep(1)

@@ -33,9 +33,8 @@ def whole(command: list[str], folder: Path) -> Report:
 def test_the_first_entry_is_the_bug(bug: str, tmp_path: Path) -> None:
     rule, operator, says = CAUSES[bug].values()
     found = whole(broken(bug), tmp_path)
-    first = found.causes[0]
-    shown = first.shown
-    assert (first.verdict, shown.rule, shown.operator) == ("FAIL", rule, operator)
+    case, shown = found.causes[0][0]
+    assert (case.verdict, shown.rule, shown.operator) == ("FAIL", rule, operator)
     assert len(shown.exchange) <= LINES, [line.text for line in shown.exchange]
     assert says in "\n".join(report.about(shown))
     assert not found.problems and found.exit_code == 1
