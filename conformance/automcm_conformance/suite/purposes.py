@@ -34,15 +34,24 @@ import difflib
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Self, get_args
+
+from pydantic import (
+    BaseModel,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_conformance.adapter.protocol import INDICATIONS, MESSAGE_TYPES
 from automcm_conformance.exchange.results import Level
 from automcm_spec.graph.oracle import Effect
+from automcm_spec.support.bad_input import errors_of
 from automcm_spec.vocabulary import application
 from automcm_spec.vocabulary.application import Phase, Role, names
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, RELIABLE
@@ -63,9 +72,7 @@ Features = tuple[Any, ...]
 PATH = SUITE / "purposes.toml"
 
 LEVELS: tuple[Level, ...] = get_args(Level)
-ID = re.compile(
-    r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
-)
+ID = r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
 
 INPUTS = (
     *(f"receive {name}" for name in MESSAGE_TYPES),
@@ -122,25 +129,64 @@ FEATURES = (
     *("rule", "role", "phase", "input", "changes", "own", "accepted", "answer", "reason"),
     *("of", "deciding", "told", "sends", "why", "third"),
 )
-_TEXTS = ("given", "when", "then", "bug", "cost")
 
 
-@dataclass(frozen=True)
-class Purpose:
+_Text = Annotated[str, Field(pattern=r"\S")]
+
+
+class Purpose(BaseModel, frozen=True, strict=True, extra="forbid"):
     """One test purpose. ``rules[0]`` decides; it has either ``select`` or ``case``."""
 
-    id: str
-    rules: tuple[str, ...]
+    id: Annotated[str, Field(pattern=f"^{ID}$")]
+    rules: tuple[str, ...] = Field(min_length=1, strict=False)
     level: Level
-    given: str
-    when: str
-    then: str
-    bug: str
-    cost: str
-    select: dict[str, frozenset[Any]] | None
+    given: _Text
+    when: _Text
+    then: _Text
+    bug: _Text
+    cost: _Text
+    select: dict[str, frozenset[Any]] | None = None
     """The matching values of each field."""
-    case: str
+    case: str = ""
     """The name of a case that no pair of the graph carries; empty with ``select``."""
+
+    @field_validator("rules")
+    @classmethod
+    def _known_rules(cls, rules: tuple[str, ...], about: ValidationInfo) -> tuple[str, ...]:
+        for rule in rules:
+            if rule not in RULES:
+                raise ValueError(f"unknown rule {rule}")
+        group = about.data.get("id", "").split("/")[2:3]
+        if group and not rules[0].startswith(group[0]):
+            raise ValueError(f"the first must be of the group {group[0]}")
+        return rules
+
+    @field_validator("select", mode="before")
+    @classmethod
+    def _known_values(cls, fields: object) -> dict[str, frozenset[Any]]:
+        if not isinstance(fields, dict) or not fields:
+            raise ValueError("must be a table with at least one field")
+        found = {
+            name: frozenset(wanted if isinstance(wanted, list) else [wanted])
+            for name, wanted in fields.items()
+        }
+        for name, values in found.items():
+            if name not in FEATURES:
+                raise ValueError(f"{name}: unknown field")
+            if not values:
+                raise ValueError(f"{name}: must not be empty")
+            for value in values:
+                if not _known(name, value):
+                    raise ValueError(f"{name}: unknown value {value}")
+        if "rule" not in found:
+            raise ValueError("rule: is required")
+        return found
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.select is None) == (not self.case.strip()):
+            raise ValueError("give either select or case")
+        return self
 
     @property
     def kind(self) -> str:
@@ -171,84 +217,24 @@ def load(path: Path = PATH) -> tuple[Purpose, ...]:
     for number, row in enumerate(rows, 1):
         name = row.get("id", f"purpose {number}") if isinstance(row, dict) else f"purpose {number}"
         try:
-            purpose = _purpose(row)
-            if purpose.id in found:
-                raise ValueError("id: used twice")
-            if purpose.case and any(purpose.case == other.case for other in found.values()):
-                raise ValueError("case: used twice")
-        except ValueError as error:
-            raise ValueError(f"{path.name}: {name}: {error}") from None
+            purpose = Purpose.model_validate(row)
+        except ValidationError as error:
+            problem = ": ".join(filter(None, errors_of(error)[0]))
+            raise ValueError(f"{path.name}: {name}: {problem}") from None
+        if purpose.id in found:
+            raise ValueError(f"{path.name}: {name}: id: used twice")
+        if purpose.case and any(purpose.case == other.case for other in found.values()):
+            raise ValueError(f"{path.name}: {name}: case: used twice")
         found[purpose.id] = purpose
     return tuple(found.values())
 
 
-def _purpose(row: object) -> Purpose:
-    """Raises ValueError with the field."""
-    if not isinstance(row, dict):
-        raise ValueError("not a table")
-    needed = ("id", "rules", "level", *_TEXTS)
-    for name in row:
-        if name not in (*needed, "select", "case"):
-            raise ValueError(f"{name}: unknown field")
-    for name in needed:
-        if name not in row:
-            raise ValueError(f"{name}: missing")
-    for name in ("id", *_TEXTS):
-        if not isinstance(row[name], str) or not row[name].strip():
-            raise ValueError(f"{name}: must be a text")
-    form = ID.fullmatch(row["id"])
-    if form is None:
-        raise ValueError("id: must have the form AMCM/role/group/kind-number")
-    rules = row["rules"]
-    if not isinstance(rules, list) or not rules:
-        raise ValueError("rules: must be a list of rules")
-    for rule in rules:
-        if rule not in RULES:
-            raise ValueError(f"rules: unknown rule {rule}")
-    if not rules[0].startswith(form[2]):
-        raise ValueError(f"rules: the first must be of the group {form[2]}")
-    if row["level"] not in LEVELS:
-        raise ValueError(f"level: must be one of {', '.join(LEVELS)}")
-    if ("select" in row) == ("case" in row):
-        raise ValueError("select: give either select or case")
-    case = row.get("case", "")
-    if "case" in row and (not isinstance(case, str) or not case.strip()):
-        raise ValueError("case: must be a name")
-    return Purpose(
-        **{name: row[name] for name in ("id", "level", *_TEXTS)},
-        rules=tuple(rules),
-        select=_selector(row["select"]) if "select" in row else None,
-        case=case,
-    )
-
-
-def _selector(value: object) -> dict[str, frozenset[Any]]:
-    """Raises ValueError with the field."""
-    if not isinstance(value, dict) or not value:
-        raise ValueError("select: must be a table with at least one field")
-    out: dict[str, frozenset[Any]] = {}
-    for name, wanted in value.items():
-        if name not in FEATURES:
-            raise ValueError(f"select.{name}: unknown field")
-        if name in _FLAGS:
-            if not isinstance(wanted, bool):
-                raise ValueError(f"select.{name}: must be true or false")
-            out[name] = frozenset({wanted})
-            continue
-        names = wanted if isinstance(wanted, list) else [wanted]
-        if not names:
-            raise ValueError(f"select.{name}: must not be empty")
-        for each in names:
-            if not isinstance(each, str) or not _known(name, each):
-                raise ValueError(f"select.{name}: unknown value {each}")
-        out[name] = frozenset(names)
-    if "rule" not in out:
-        raise ValueError("select.rule: is required")
-    return out
-
-
-def _known(name: str, value: str) -> bool:
-    return bool(_SENDS.fullmatch(value)) if name == "sends" else value in _NAMES[name]
+def _known(name: str, value: object) -> bool:
+    if name in _FLAGS:
+        return isinstance(value, bool)
+    if name == "sends":
+        return isinstance(value, str) and _SENDS.fullmatch(value) is not None
+    return isinstance(value, str) and value in _NAMES[name]
 
 
 def input_kind(i: Input) -> str:
