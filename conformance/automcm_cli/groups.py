@@ -57,8 +57,6 @@ _TOP = f"{_MAINTENANCE}.verify.repository_commands"
 _ONLY_IN_A_CLONE = (
     *("bench", "certify", "experiment", "generate", "mutate", "pages", "prove", "verify"),
 )
-_OUT_WAS = {"coverage": "--html", "demo": "--logs", "report": "--html"}
-"""By command, the name of ``--out`` in earlier versions."""
 
 
 def _installed(module: str) -> bool:
@@ -112,15 +110,6 @@ class Group(TyperGroup):
         except typer.BadParameter as error:
             error.message = printable(_sentence(error))
             raise
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command and its arguments, where ``--out`` has replaced an older name."""
-        name, command, rest = super().resolve_command(ctx, args)
-        old, end = _OUT_WAS.get(name or ""), rest.index("--") if "--" in rest else len(rest)
-        for n, word in enumerate(rest[:end]):
-            if old and word.partition("=")[0] == old:
-                rest[n] = word.replace(old, "--out", 1)
-        return name, command, rest
 
     def get_params(self, ctx: Any) -> list[Any]:
         """All parameters, including ``--help``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +10,6 @@ from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
-    End,
     Event,
     Header,
     Receive,
@@ -18,7 +17,7 @@ from automcm_spec.log_format.log import (
     Send,
     TimerArm,
 )
-from automcm_spec.log_format.reader import Notice, records
+from automcm_spec.log_format.reader import LogStream, records
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import CannotTell
@@ -84,44 +83,21 @@ class Survey:
         return out, notes
 
 
-def events(path: Path) -> Iterator[tuple[int, Event | None, End | str | Header]]:
-    """The records of a log with their lines: an event, or else a header, an end or a warning.
-
-    Raises BadInput.
-    """
-    for entry in records(path):
-        record = entry.record
-        if isinstance(record, Notice):
-            yield entry.line, None, f"{path}:{entry.line}: {record.problem}"
-        elif isinstance(record, Header | End):
-            yield entry.line, None, record
-        else:
-            yield entry.line, record, ""
-
-
 def survey(path: Path) -> Survey:
     """Read a log to its end.  Raises BadInput."""
-    found: Survey | None = None
+    log = LogStream(path, entries=records(path))
+    found = Survey(path, log.header, complete="send" in log.header.complete)
     numbers: set[int] = set()
-    for _, event, other in events(path):
-        if isinstance(other, Header):
-            found = Survey(path, other)
-            found.complete = "send" in other.complete
-            continue
-        assert found is not None, "the header comes first"
-        if event is None:
-            if isinstance(other, str):
-                found.warnings.append(other)
-            elif isinstance(other, End) and other.lost_records:
-                found.warnings.append(f"{path}: the log lost {other.lost_records} records")
-                found.complete = False
-            continue
+    for _, event in log:
         if event.seq == 1:
             found.first_ms = found.last_ms = event.t_ms
         found.longest_ms = max(found.longest_ms, event.t_ms - found.last_ms)
         found.last_ms = event.t_ms
         _count(found, event, numbers)
-    assert found is not None
+    found.warnings += log.warnings
+    if log.end is not None and log.end.lost_records:
+        found.warnings.append(f"{path}: the log lost {log.end.lost_records} records")
+        found.complete = False
     found.numbers = [] if found.complete else sorted(numbers)
     return found
 

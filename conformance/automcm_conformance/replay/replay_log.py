@@ -30,7 +30,7 @@ from automcm_conformance.adapter.protocol import (
 )
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
+from automcm_conformance.replay.log_survey import Survey, require_replayable, survey
 from automcm_conformance.replay.renaming import Renaming
 from automcm_conformance.scenarios.monitor import Monitor
 from automcm_spec.log_format.log import (
@@ -42,7 +42,7 @@ from automcm_spec.log_format.log import (
     TimerEnd,
     problems,
 )
-from automcm_spec.log_format.reader import read
+from automcm_spec.log_format.reader import LogStream, read
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import errors_of
 from automcm_traces.checker.finding import Diverges
@@ -182,9 +182,8 @@ class _Run:
 
     def play(self) -> None:
         """Replay the whole log."""
-        for line, event, _ in events(self._found.path):
-            if event is not None:
-                self._event(line, event)
+        for line, event in LogStream(self._found.path):
+            self._event(line, event)
         self._advance(self._found.last_ms)
         if self._skipped:
             text = f"{self._skipped} malformed messages cannot be given to an adapter: left out"

@@ -325,8 +325,8 @@ def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
     (tmp_path / "x.json").write_text("{}")
     for arguments in (
         [str(tmp_path / "none.json"), "--out", str(page)],
-        [str(tmp_path / "x.json"), f"--html={page}"],  # its name in earlier versions
-        [*files, "--html", str(tmp_path / "no" / "where.html")],
+        [str(tmp_path / "x.json"), f"--out={page}"],
+        [*files, "--out", str(tmp_path / "no" / "where.html")],
     ):
         answer = automcm("conform", "report", *arguments)
         assert answer.exit_code == 3 and "report: " in answer.output

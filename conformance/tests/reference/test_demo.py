@@ -165,7 +165,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(
 @pytest.mark.slow
 @pytest.mark.parametrize("begun", [1, 3], ids=["in the start", "when all drive"])
 def test_a_demonstration_told_to_stop_leaves_no_process(begun: int, tmp_path: Path) -> None:
-    with subprocess.Popen([*AUTOMCM, "demo", "--logs", str(tmp_path)], stderr=subprocess.PIPE) as p:
+    with subprocess.Popen([*AUTOMCM, "demo", "--out", str(tmp_path)], stderr=subprocess.PIPE) as p:
         while len(list(tmp_path.glob("*.ndjson"))) < begun:
             assert p.poll() is None
         p.send_signal(signal.SIGTERM)

@@ -305,7 +305,7 @@ def test_a_station_with_an_expired_certificate_does_not_start(folder: Path) -> N
 @pytest.mark.slow
 def test_a_demonstration_with_signed_messages(tmp_path: Path) -> None:
     """The other demonstrations are in test_demo."""
-    words = ["--secured", "--logs", tmp_path, "--listen", 0, "--json", "-"]
+    words = ["--secured", "--out", tmp_path, "--listen", 0, "--json", "-"]
     done = automcm_process("demo", *words)
     assert done.returncode == 0, done.stdout
     unsigned = Demo(tmp_path, secured=True, vehicles=[DemoVehicle("A", 1)])

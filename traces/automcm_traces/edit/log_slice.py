@@ -18,8 +18,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from automcm_spec.log_format.event_text import session_of
-from automcm_spec.log_format.log import End, Event, Header, Record, Send, UnknownEvent, record
-from automcm_spec.log_format.reader import LONGEST_LINE, Log, NotJsonError, cut, parse, read
+from automcm_spec.log_format.log import End, Event, Header, Send, record
+from automcm_spec.log_format.reader import (
+    LONGEST_LINE,
+    Log,
+    LogStream,
+    NotJsonError,
+    parse,
+    records,
+)
 from automcm_spec.support.bad_input import name_of
 
 Json = Any
@@ -56,25 +63,17 @@ class LogSlice:
     def read(path: str | Path, lines: int = 0) -> LogSlice:
         """The log in a file, complete or its first ``lines``; events of unknown kinds are left out.
 
-        It has an end record if the file has one, even after ``lines``. Raises OSError, and BadInput
-        if the complete log is read.
+        It has an end record if the file has one, even after ``lines``. Raises OSError and BadInput.
         """
-        if not lines:
-            read(path)
+        log = LogStream(path, past_gaps=True) if lines else LogStream(path, entries=records(path))
         with open(path, "rb") as stream:
             texts = list(islice(stream, lines or None))
         items = []
-        header: Header | None = None
-        for number, text in enumerate(texts, 1):
-            match _parsed(text):
-                case Header() as header:
-                    pass
-                case None | End() | UnknownEvent():
-                    pass
-                case event:
-                    items.append(Item(number, event, json.loads(text)))
-        assert header is not None, "the caller has read the log before"
-        head = json.loads(texts[0])
+        for line, event in log:
+            items.append(Item(line, event, json.loads(texts[line - 1])))
+            if line == lines:
+                break
+        header, head = log.header, json.loads(texts[0])
         if items and json.loads(texts[1])["seq"] > 1:  # it is numbered anew: the header says it
             head["begins"] = "running"
             header = header.model_copy(update={"begins": "running"})
@@ -260,13 +259,3 @@ def _renumbered(item: Item, gone: Numbers, station: int) -> Item:
     for key, holder, name in list(_named(fields, station)):
         holder[name] -= sum(0 < value < holder[name] for value in gone.get(key, ()))
     return Item.of(item.line, fields)
-
-
-def _parsed(line: bytes) -> Record | UnknownEvent | None:
-    """A line of a log; None for an incomplete last line. Raises the exceptions of ``parse``."""
-    try:
-        return parse(line)
-    except NotJsonError:
-        if cut(line):
-            return None
-        raise

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 from rich.cells import cell_len
 
 from automcm_spec.log_format.event_text import Kind, Word, fitted, safe, words
-from automcm_spec.log_format.log import End, Header, Send
-from automcm_spec.log_format.reader import Notice, records
+from automcm_spec.log_format.log import Send
+from automcm_spec.log_format.reader import LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import FilteredRows, TableRow
 from automcm_traces.system.copy_folding import Key, folded, key_of, new_phase
@@ -26,19 +28,10 @@ def first_times(paths: Iterable[Path]) -> dict[int, int]:
     """The time of the first event in each log, by station."""
     found: dict[int, int] = {}
     for path in paths:
-        station = 0
-        try:
-            for entry in records(path, gaps=True):
-                match entry.record:
-                    case Header() as header:
-                        station = header.station
-                    case End() | Notice():
-                        pass
-                    case event:
-                        found[station] = event.t_ms
-                        break
-        except BadInput:
-            continue  # reported where its rows are read
+        with suppress(BadInput):  # reported where its rows are read
+            log = LogStream(path, past_gaps=True)
+            for _, event in islice(log, 1):
+                found[log.header.station] = event.t_ms
     return found
 
 
