@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from automcm_simulation.radio.propagation import OfferedLoad, Propagation, airtime_us
+from automcm_simulation.radio.propagation import Propagation
 from automcm_simulation.radio.radio import Arrival, RadioModel
 
 STEP_MS = 100
@@ -85,7 +85,7 @@ class Measured(BaseModel):
 
 MEASUREMENTS = TypeAdapter(list[Measured])
 NS3 = Path(__file__).with_name("radio_ns3.json")
-"""What ns-3 measured, by ``automcm_evaluation.radio.radio_fit``."""
+"""What ns-3 measured (docs/radio.md)."""
 
 
 def ns3_measured() -> list[Measured]:
@@ -103,15 +103,10 @@ class Course:
     """An index into ``FourLanes.size_bytes``."""
     hits: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
     """By frame and receiver."""
-    delay_ms: np.ndarray[tuple[int], np.dtype[np.intp]]
-    """Of each frame at the first receiver; -1 if nobody received it."""
     distance_m: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]
-    """By step, sender and receiver; as ``mean_dbm``."""
-    mean_dbm: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]
-    share: np.ndarray[tuple[int, int], np.dtype[np.float32]]
-    """The offered load by step and receiver."""
+    """By step, sender and receiver."""
     busy: np.ndarray[tuple[int, int], np.dtype[np.float32]]
-    """The channel busy ratio, likewise."""
+    """The channel busy ratio by step and receiver."""
 
 
 def positions(traffic: FourLanes) -> Iterator[dict[int, tuple[float, float]]]:
@@ -131,49 +126,37 @@ def positions(traffic: FourLanes) -> Iterator[dict[int, tuple[float, float]]]:
 def drive(radio: MeasuredRadio, traffic: FourLanes) -> Course:
     """Run the traffic over a radio."""
     random = np.random.default_rng((traffic.seed, 8))
-    n, offered = traffic.vehicles, OfferedLoad()
-    airtimes = [airtime_us(size) for size in traffic.size_bytes]
+    n = traffic.vehicles
     phase = random.integers(traffic.period_ms, size=n)
     steps = (WARM_MS + 1000 * traffic.seconds) // STEP_MS
-    sent: list[tuple[int, int, int, int]] = []
+    sent: list[tuple[int, int, int]] = []
     received: list[Arrival] = []
-    distances, powers, shares, busy = [], [], [], []
+    distances, busy = [], []
     for step, places in zip(range(steps), positions(traffic), strict=False):
         radio.move(places)
-        propagation = radio.propagation
-        offered.enter(list(range(n)) if step == 0 else [], n)
         due = [
             (at, i)
             for again in range(0, STEP_MS, traffic.period_ms)
             for i, at in enumerate(phase + step * STEP_MS + again)
         ]
-        sizes = random.choice(len(airtimes), size=len(due), p=traffic.shares)
+        sizes = random.choice(len(traffic.size_bytes), size=len(due), p=traffic.shares)
         for (at, i), size in zip(sorted(due), sizes, strict=True):
             radio.transmit(i + 1, traffic.size_bytes[size], int(at), len(sent))
-            offered.add(i, propagation.mean_dbm[i], airtimes[size])
-            sent.append((step, i, int(size), int(at)))
-        distances.append(propagation.distances().astype(np.float32))
-        powers.append(propagation.mean_dbm.astype(np.float32))
-        shares.append(offered.share.astype(np.float32))
+            sent.append((step, i, int(size)))
+        distances.append(radio.propagation.distances().astype(np.float32))
         received += radio.advance((step + 1) * STEP_MS)
-        offered.advance((step + 1) * STEP_MS)
         busy.append([radio.channel_busy_ratio(i + 1) for i in range(n)])
     received += radio.advance(steps * STEP_MS + LAST_MS)
     frames = np.array(sent)
     hits = np.zeros((len(sent), n), dtype=np.bool_)
-    delay = np.full(len(sent), -1)
-    for at_ms, frame, receivers in received:
+    for _, frame, receivers in received:
         hits[frame, np.array(receivers) - 1] = True
-        delay[frame] = at_ms - frames[frame, 3]
     return Course(
         step=frames[:, 0],
         sender=frames[:, 1],
         size=frames[:, 2],
         hits=hits,
-        delay_ms=delay,
         distance_m=np.array(distances),
-        mean_dbm=np.array(powers),
-        share=np.array(shares),
         busy=np.array(busy, dtype=np.float32),
     )
 

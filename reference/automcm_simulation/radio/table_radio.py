@@ -77,7 +77,7 @@ class FittedTable(BaseModel):
 
 @cache
 def committed() -> FittedTable:
-    """The table in radio_table.json, by ``automcm_evaluation.radio.radio_fit``."""
+    """The table in radio_table.json (docs/radio.md)."""
     return FittedTable.model_validate_json(
         Path(__file__).with_name("radio_table.json").read_bytes()
     )
