@@ -17,7 +17,7 @@ from merged_runs import Run, killed, records, rewritten, without_tx
 from page_rows import Json, events, fives
 
 from automcm.links.simulated_radio import Channel
-from automcm_maintenance.corpus.corpus_secured import secured
+from automcm_maintenance.corpus.corpus_runs import secured
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import read

@@ -37,7 +37,6 @@ MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
 EVALUATION = ROOT / "docs" / "evaluation.md"
 PICTURE = ROOT / "docs" / "four-vehicles.svg"
-FOUR_VEHICLES = (1001, 2002, 3003, 4004)
 KEPT = ROOT / "runs" / "kept"
 """The folder of data for later runs: results of models and of stages."""
 OF_GRAPH = ("spec/automcm_spec", "spec/tools", "spec/tla", "spec/oracle", "pyproject.toml")
@@ -128,35 +127,6 @@ def counterexamples(verdicts: Iterable[models.ModelVerdict]) -> Generated:
     )
 
 
-def four_vehicles(folder: Path) -> None:
-    """The logs of the paper's four vehicles: seeded, with loss, so that every byte is fixed."""
-    from automcm.links.simulated_radio import Channel
-    from automcm_simulation.road.simulation import Simulation
-    from automcm_simulation.road.straight_lane import Straight
-    from automcm_spec.vocabulary.parameters import Parameters
-
-    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.05), logs=folder)
-    for station in FOUR_VEHICLES:
-        simulation.add(station, Straight(target=FOUR_VEHICLES[2]), Parameters(t_cam=400))
-    simulation.request(FOUR_VEHICLES[0], at=500)
-    simulation.run(until=10_000)
-
-
-def pair(folder: Path) -> None:
-    """The logs of a prescriber and a receiver that refuses once; the bad logs are edits of them."""
-    from automcm.links.simulated_radio import Channel
-    from automcm_simulation.road.simulation import Simulation
-    from automcm_simulation.road.straight_lane import Straight
-    from automcm_spec.vocabulary.parameters import Parameters
-
-    simulation = Simulation(seed=5, channel=Channel(loss=0.25, duplicate=0.1), logs=folder)
-    for station in FOUR_VEHICLES[:2]:
-        driver = Straight(refuse_first=1, maneuver_ms=900)
-        simulation.add(station, driver, Parameters(t_timeout=500, t_cam=500, max_rounds=2))
-    simulation.request(FOUR_VEHICLES[0], at=300)
-    simulation.run(until=4000)
-
-
 def picture() -> str:
     """The paper's four vehicles in a lane change, with a little loss and few repetitions."""
     from automcm.applications.lane_change import Plan
@@ -180,12 +150,16 @@ def picture() -> str:
 
 def _corpus() -> dict[Path, bytes]:
     """The part of the corpus that is generated in seconds, from logs on disk that need TLC."""
-    from automcm_maintenance.corpus.corpus_secured import secured
+    from automcm_maintenance.corpus import corpus_runs as of
 
     runs = {}
-    for name, run in (("four-vehicles", four_vehicles), ("pair", pair), ("secured", secured)):
+    for name, write in (
+        ("four-vehicles", of.four_vehicles),
+        ("pair", of.pair),
+        ("secured", of.secured),
+    ):
         with scratch.folder("logs") as folder:
-            run(folder)
+            write(folder)
             for path in sorted(folder.iterdir()):
                 runs[f"{name}/{path.name}"] = path.read_bytes()
     files = corpus.rest(CORPUS_ROOT, runs)

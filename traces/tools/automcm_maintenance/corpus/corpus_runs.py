@@ -1,4 +1,4 @@
-"""The logs of a prescriber and a receiver on secured links that an attacker disturbs."""
+"""The runs of the reference whose logs are in the corpus; seeded, so that every byte is fixed."""
 
 from __future__ import annotations
 
@@ -27,6 +27,25 @@ from automcm_spec.vocabulary.parameters import Parameters
 PRESCRIBER, RECEIVER, ATTACKER = 1001, 2002, 6666
 Sent = tuple[int, bytes, str]
 """A transmission: its time, its bytes and its id."""
+
+
+def four_vehicles(folder: Path) -> None:
+    """The paper's four vehicles, with loss."""
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.05), logs=folder)
+    for station in (1001, 2002, 3003, 4004):
+        simulation.add(station, Straight(target=3003), Parameters(t_cam=400))
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+
+
+def pair(folder: Path) -> None:
+    """A prescriber and a receiver that refuses once; the bad logs are edits of these."""
+    simulation = Simulation(seed=5, channel=Channel(loss=0.25, duplicate=0.1), logs=folder)
+    for station in (PRESCRIBER, RECEIVER):
+        driver = Straight(refuse_first=1, maneuver_ms=900)
+        simulation.add(station, driver, Parameters(t_timeout=500, t_cam=500, max_rounds=2))
+    simulation.request(PRESCRIBER, at=300)
+    simulation.run(until=4000)
 
 
 def _key(number: int) -> PrivateKey:
@@ -84,7 +103,8 @@ class _Secured(Simulation):
 
 
 def secured(folder: Path) -> None:
-    """Write the logs: a session in which nothing that the attacker sends takes effect."""
+    """A prescriber and a receiver on secured links, in a session in which nothing that an attacker
+    sends takes effect."""
     simulation = _Secured(17, folder)
     for station in (PRESCRIBER, RECEIVER):
         driver = Straight(maneuver_ms=900)
