@@ -113,6 +113,12 @@ def test_act_1_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> N
     assert prescriber.vehicle.lane == 0 and receiver.vehicle.speed == pytest.approx(8.33, abs=0.1)
 
 
+def test_end_1_what_is_begun_is_ended_by_the_planner_on_board() -> None:
+    prescriber, _ = two(cut_ms=9500)
+    assert said(prescriber)[-3:] == ["moves over", "drives alone: cam_loss", "has changed lanes"]
+    assert prescriber.vehicle.lane == 1 and not prescriber.vehicle.changing
+
+
 class Odd(LaneChange):
     """A receiver whose Intention is ``sends``."""
 
