@@ -7,7 +7,10 @@
 (* It is System with two differences.                                      *)
 (*  - The orders of quarantine and forget(p) are those of T-5 and no more: *)
 (*    they concern the sessions that the station has been in (for p: those *)
-(*    up to the newest), not every Advertisement.                          *)
+(*    up to the newest), not every Advertisement; and a prescriber may     *)
+(*    still wait for an answer when the quarantine of its target ends, if  *)
+(*    no copy of the Acceptance is left.  What the outbox holds does not   *)
+(*    matter.                                                              *)
 (*  - A station may be elsewhere: what it does in other sessions puts it   *)
 (*    in quarantine, bars a session to it, or keeps it busy.  The rest of  *)
 (*    the interface of Independence needs no step: an Advertisement that   *)
@@ -33,17 +36,27 @@ Over(s, t, x) ==
     [] t[1] = "quarantine" -> <<x, s>> \in been
     [] OTHER               -> FALSE
 
+\* m is the Acceptance of s that its addressee still waits for (ACT-6).
+Awaited(s, m) ==
+  /\ m.type = "Acceptance" /\ m.accepted /\ m.src = s
+  /\ LET p == st[m.dst] IN
+     /\ p.role = "prescriber" /\ AwaitsAnswer(p) /\ p.target = s
+     /\ p.session = m.session /\ p.proposal = m.proposal
+
+ActsOnWordOf(s) == \E p \in Stations : Acts(p, "prescriber") /\ st[p].target = s
+
 InOrder(s, t) ==
   /\ t[1] = "lease" => LeaseOutlived(s)
   /\ t[1] \in {"forget", "quarantine"} =>
        Forgetting /\ \A p \in Stations :
                        st[p].phase = "ADVERTISING" => ~Over(s, t, st[p].session)
-  /\ t[1] = "forget" => \A e \in st[s].outbox : e.session[1] # t[2]
-  /\ t[1] = "quarantine" => ~Relied(s)
+  /\ t[1] = "quarantine" => ~ActsOnWordOf(s)
 
+\* No copy of these is left then.
 DiesInOrder(s, i) ==
   IF i.kind # "expire" THEN {}
-  ELSE {m \in net : m.type = "Advertisement" /\ Over(s, i.timer, m.session)}
+  ELSE {m \in net : \/ m.type = "Advertisement" /\ Over(s, i.timer, m.session)
+                    \/ i.timer[1] = "quarantine" /\ Awaited(s, m)}
 
 (***************************************************************************)
 (* Steps.  Those of the projection say nothing of last.                    *)
@@ -54,8 +67,7 @@ ExpiriesInOrder(s) ==
 
 Takes(s, i) ==
   /\ Moves(s, i, DiesInOrder(s, i))
-  /\ been' = been \cup
-       {<<st'[q].session, q>> : q \in {x \in Stations : st'[x].role = "receiver"}}
+  /\ been' = been \cup If(st'[s].role = "receiver", {<<st'[s].session, s>>})
 
 Becomes(s, x) ==
   /\ ~Bound(st[s]) /\ x # st[s]
@@ -110,6 +122,7 @@ RestartInOrder(s) == \E i \in Restarts(s)        : Did(s, i)
 ExpireInOrder(s)  == \E i \in ExpiriesInOrder(s) : Did(s, i)
 ReceiveInOrder(s) == \E i \in Receptions(s)      : Did(s, i)
 CommandInOrder(s) == \E i \in Commands(s)        : Did(s, i)
+
 
 Outside(name, s) ==
   last' = [station |-> s, input |-> [kind |-> name], rule |-> "none"]

@@ -7,9 +7,17 @@
 (* stations, sessions, rounds and messages (docs/verification.md).  TLC    *)
 (* checks that the states reached in small models have it.                 *)
 (*                                                                         *)
-(* It is about the system without its reductions (Reduced = FALSE).        *)
+(* It is about the system without its reductions (Reduced = FALSE), with   *)
+(* the orders of T-4 and T-5 alone (InOrder of Cutoff).                    *)
 (***************************************************************************)
-EXTENDS System
+EXTENDS Cutoff
+
+NextInOrder ==
+  \E s \in Stations :
+    \/ RestartInOrder(s) \/ ExpireInOrder(s)
+    \/ ReceiveInOrder(s) \/ CommandInOrder(s)
+
+SpecInOrder == CInit /\ [][NextInOrder]_cvars
 
 Opened(x) == x[1] \in Stations /\ 1 <= x[2] /\ x[2] <= st[x[1]].number
 
@@ -182,6 +190,22 @@ AckedInv ==
                           /\ n.session = m.session /\ <<n.type, n.seq>> = m.of
 
 (***************************************************************************)
+(* NEG-6: who has received an Acceptance does not wait for it.             *)
+(***************************************************************************)
+HeededInv == \A m \in received : ~Awaited(m.src, m)
+
+(***************************************************************************)
+(* T-5: what a station remembers, is in, or has answered to, it has been   *)
+(* in.  So when its quarantine ends, no Advertisement of it is left.       *)
+(***************************************************************************)
+BeenInv ==
+  \A s \in Stations :
+    /\ \A x \in st[s].joined : <<x, s>> \in been
+    /\ st[s].role = "receiver" => <<st[s].session, s>> \in been
+    /\ \A m \in net : m.type = "Acceptance" /\ m.src = s /\ m.seq # 0 =>
+                       <<m.session, s>> \in been
+
+(***************************************************************************)
 (* NEG-6: S-3, with the Acceptance itself.                                 *)
 (***************************************************************************)
 ActsOnInv ==
@@ -230,12 +254,14 @@ Inv ==
   /\ CommittedInv
   /\ RefusedInv
   /\ AckedInv
+  /\ HeededInv
+  /\ BeenInv
   /\ ActsOnInv
   /\ ReliedInv
   /\ OneReliesInv
 
-THEOREM ~Reduced => (Init => Inv)
-THEOREM ~Reduced => (Inv /\ [Next]_vars => Inv')
+THEOREM ~Reduced => (CInit => Inv)
+THEOREM ~Reduced => (Inv /\ [NextInOrder]_cvars => Inv')
 THEOREM Inv => AcceptedInv /\ AgreementInv /\ NoHazardInv /\ ExclusiveInv
 
 \* For a must-fail model: a station joins again what it has left (ADV-8).

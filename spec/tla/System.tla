@@ -13,6 +13,7 @@
 (*    this leaves out that a newer session is open at that moment;         *)
 (*  - nor does a quarantine end while a prescriber acts, or still may, on  *)
 (*    what the station agreed to before (ACT-6).                           *)
+(* Cutoff, and the proof of Inductive, assume T-4 and T-5 alone.           *)
 (*                                                                         *)
 (* Reduced = TRUE leaves out behaviours that others simulate.  The net     *)
 (* never shrinks and more messages in it never disable anything, so a      *)

@@ -322,11 +322,13 @@ LeaseInv ==
     => clock[s][Timer("lease")] <= clock[t][Timer("lease")]
 
 (***************************************************************************)
-(* T-5: the orders that the untimed models assume.  When a session is      *)
-(* forgotten, or a quarantine ends, nobody advertises a session that the   *)
-(* station has been in, and no copy of its Advertisement is left; and      *)
-(* nothing to its prescriber is left in the outbox.  Nor does a prescriber *)
-(* act, or may still act, on the word of a station whose quarantine ends.  *)
+(* T-5: the orders of which the proof assumes all but that of the outbox   *)
+(* (InOrder of Cutoff).  When a session is forgotten, or a quarantine      *)
+(* ends, nobody advertises a session that the station has been in, or an   *)
+(* older one, and no copy of its Advertisement is left; and nothing to its *)
+(* prescriber is left in the outbox.  Nor does a prescriber act, or may    *)
+(* still act, on the word of a station whose quarantine ends, but for what *)
+(* is due in the same instant.                                             *)
 (***************************************************************************)
 Advertising(x) ==
   \/ \E p \in Stations : st[p].phase = "ADVERTISING" /\ st[p].session = x
@@ -342,7 +344,8 @@ RelyOn(s) ==
 OrdersInv ==
   \A s \in Stations : \A t \in Due(s) :
     /\ t[1] = "forget" =>
-         /\ \A x \in st[s].joined : x[1] = t[2] => ~Advertising(x)
+         /\ \A x \in st[s].joined : x[1] = t[2] =>
+              \A n \in 1 .. x[2] : ~Advertising(<<x[1], n>>)
          /\ \A e \in st[s].outbox : e.session[1] # t[2]
     /\ t[1] = "quarantine" =>
          /\ \A x \in been : x[2] = s => ~Advertising(x[1])

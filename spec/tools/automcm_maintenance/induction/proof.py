@@ -1,4 +1,5 @@
-"""Proves Inductive.tla with z3: Init => Inv, Inv /\\ Next => Inv', and that Inv implies S-1 to S-8.
+"""Proves Inductive.tla with z3: the initial states have Inv, every step keeps it, and it implies
+S-1 to S-8.
 
 All is taken from the syntax trees of the modules. Nothing is bounded: the stations, prescribers,
 receivers and restarters are any sets of ids from 1, the radio is any set of messages, an outbox any
@@ -12,7 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AnySet
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -33,8 +34,7 @@ from automcm_maintenance.induction.symbolic import (
     variables,
 )
 
-MODULE = "Inductive"
-INVARIANT = "Inv"
+FIRST, NEXT, INVARIANT = "CInit", "NextInOrder", "Inv"
 OF_STATES = {
     "S-3": "AcceptedInv",
     "S-4": "AgreementInv",
@@ -124,6 +124,7 @@ class Prover:
             "net": _any_set("net", message, (), MESSAGES),
             "excused": _any_set("excused", ((0, 0), 0)),
             "received": _any_set("received", message, (), MESSAGES),
+            "been": _any_set("been", ((0, 0), 0)),
             "last": {},
         }
 
@@ -185,8 +186,18 @@ class Prover:
 
     def _first(self) -> dict[str, Value]:
         known = Evaluator(self.spec, self._constants)
-        init = self.spec.operators["Init"].body.args
+        init = self._conjuncts(self.spec.operators[FIRST].body)
         return {part.args[0].name: known.value(part.args[1], {}) for part in init}
+
+    def _conjuncts(self, node: Node) -> Iterator[Node]:
+        """The parts of a conjunction, also of those that it calls."""
+        if node.op == "call":
+            yield from self._conjuncts(self.spec.operators[node.name].body)
+        elif node.op in ("\\land", "$ConjList"):
+            for arg in node.args:
+                yield from self._conjuncts(arg)
+        else:
+            yield node
 
     def station(self, s: Value) -> Value:
         """Any station, in the form of ``Initial``."""
@@ -205,9 +216,9 @@ class Prover:
         return made
 
     def transitions(self) -> Iterator[ProofStep]:
-        """The steps of ``Next``, by action and input."""
+        """The steps of ``NextInOrder``, by input."""
         before = Evaluator(self.spec, self._constants, self._state)
-        yield from self._action(before, self.spec.operators["Next"].body, {}, [], "")
+        yield from self._action(before, self.spec.operators[NEXT].body, {}, [], "")
 
     def _action(
         self, e: Evaluator, node: Node, env: Env, guards: Sequence[Value], name: str
@@ -219,28 +230,31 @@ class Prover:
             operator = self.spec.operators[node.name]
             given = [e.value(arg, env) for arg in node.args]
             inner = dict(zip(operator.params, given, strict=True))
-            yield from self._action(e, operator.body, inner, guards, name or node.name)
+            yield from self._action(e, operator.body, inner, guards, name)
         elif node.op == "$BoundedExists":
             ((bound, where),) = node.bounds
             for part in e.value(where, env).parts:
                 member = part()
                 if member.guard is not False:
                     chosen = {**env, bound: member.element}
-                    label = f"{name} {_label(member.element)}" if bound == "i" else name
+                    label = _label(member.element) if bound == "i" else name
                     more = [*guards, member.guard]
                     yield from self._action(e, node.args[0], chosen, more, label)
-        elif node.op in ("\\land", "$ConjList") and not any(map(_is_assignment, node.args)):
+        elif node.op in ("\\land", "$ConjList"):
             actions = [arg for arg in node.args if self._is_action(arg)]
+            updates = [arg for arg in actions if _is_assignment(arg) or _says_that_it_changes(arg)]
             more = [*guards, *(e.value(arg, env) for arg in node.args if arg not in actions)]
-            ways = [list(self._action(e, arg, env, more, name)) for arg in actions]
-            for parts in product(*ways):
+            calls = [arg for arg in actions if arg not in updates]
+            for parts in product(*(list(self._action(e, arg, env, [], name)) for arg in calls)):
                 after = {var: value for part in parts for var, value in part.after.items()}
-                yield ProofStep(parts[0].name, all_of(part.guard for part in parts), after)
+                both = replace(e, after=after)
+                for arg in filter(_is_assignment, updates):
+                    after = {**after, arg.args[0].args[0].name: both.value(arg.args[1], env)}
+                guard = all_of([*more, *(part.guard for part in parts)])
+                yield ProofStep(name, guard, after)
         elif _is_assignment(node):
             after = {node.args[0].args[0].name: e.value(node.args[1], env)}
             yield ProofStep(name, all_of(guards), after)
-        elif node.op == "$ConjList":
-            yield ProofStep(name, all_of(guards), _assigned(e, node, env))
         else:
             raise ValueError(f"{node.at}: not a form of action that can be proved")
 
@@ -252,33 +266,27 @@ class Prover:
         return node.op == "'" or any(map(self._is_action, chain(*inside)))
 
 
-def _assigned(e: Evaluator, node: Node, env: Env) -> dict[str, Value]:
-    """The state after an action. That something must change (view' # view) is left out."""
-    after = {}
-    for arg in node.args:
-        if _is_assignment(arg):
-            after[arg.args[0].args[0].name] = e.value(arg.args[1], env)
-        elif not (arg.op == "/=" and arg.args[0].op == "'"):
-            raise ValueError(f"{arg.at}: neither an assignment nor view' # view")
-    return after
-
-
 def _is_assignment(node: Node) -> bool:
     return node.op == "=" and node.args[0].op == "'"
 
 
+def _says_that_it_changes(node: Node) -> bool:
+    """view' # view, which is left out."""
+    return node.op == "/=" and node.args[0].op == "'"
+
+
 def _label(i: Value) -> str:
-    """The kind of an input."""
+    """An input in words."""
     match i["kind"]:
         case "receive":
-            return str(i["message"]["type"])
+            return f"receive {i['message']['type']}"
         case "command":
-            return str(i["name"])
+            return f"command {i['name']}"
         case "expire":
             first, *rest = i["timer"]
             if rest and isinstance(rest[0], dict):
-                return f"{first}({rest[0]['type']})"
-            return str(first)
+                return f"expire {first}({rest[0]['type']})"
+            return f"expire {first}"
     return str(i["kind"])
 
 

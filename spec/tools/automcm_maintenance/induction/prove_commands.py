@@ -26,6 +26,8 @@ class MissingProver(Exception):
     """The package of the extra ``prove`` is not installed."""
 
 
+MODULE = "Inductive"
+"""The module with the invariant."""
 FAULTS = (MissingProver, TlcError, sany.NotCompiled, OSError)
 """Errors that end a run with exit code 3."""
 ONE_STATE = "one state"
@@ -59,7 +61,7 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
     """Prove the obligations of the steps whose name contains ``step``; "" means all."""
     if find_spec("z3") is None:
         raise MissingProver("z3-solver is not installed: pip install 'automcm[prove]'")
-    from automcm_maintenance.induction.proof import MODULE, Prover
+    from automcm_maintenance.induction.proof import Prover
 
     notify("reading the specification")
     spec = sany.read(sany.export(MODULE))
@@ -76,6 +78,11 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
     return ProofReport(results)
 
 
+def unproved(r: ProofResult) -> str:
+    """An obligation that is not proved."""
+    return f"{r.verdict}: {r.goal} after {r.step or ONE_STATE}"
+
+
 def show(report: ProofReport, console: Console) -> None:
     """Print a line for each goal, and each obligation that is not proved."""
     table = table_of("goal", "obligations", "proved", "seconds")
@@ -86,6 +93,6 @@ def show(report: ProofReport, console: Console) -> None:
         table.add_row(goal, str(n), str(proved), f"{sum(r.seconds for r in mine):.1f}")
     console.print(table)
     for r in report.open:
-        console.print(f"{r.verdict}: {r.goal} after {r.step or ONE_STATE}", markup=False)
+        console.print(unproved(r), markup=False)
     proved = len(report.results) - len(report.open)
     console.print(f"{proved} of {len(report.results)} obligations are proved.")
