@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from cli_stage import automcm, shown
 
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.induction import recorded_proof
+from automcm_maintenance.induction.recorded_proof import Proof
 from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
@@ -56,6 +59,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     none = generated_files.Generated(Path(), dict)
     monkeypatch.setattr(generated_files, "counterexamples", lambda _: none)
     monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: False)
+    monkeypatch.setattr(recorded_proof, "committed", lambda: Proof(5))
+    monkeypatch.setattr(verify_, "_proved", lambda: Proof(5, (), 2.4))
+    monkeypatch.setattr(generated_files, "proof", lambda _: none)
     return fresh
 
 
@@ -162,3 +168,56 @@ def test_stale_results_of_mutants_are_a_line_and_no_error(
     lines = [line for line in shown(report).splitlines() if line.startswith("Mutants ")]
     assert report.ok and len(lines) == (not inputs)
     assert not lines or "spec/mutation/results.json is stale" in lines[0]
+
+
+EARLIER = "Proof       5 obligations proved earlier from the same files (spec/proof.json)"
+NOW = "Proof       5 of 5 obligations proved, 2 s"
+
+
+@pytest.mark.parametrize(
+    ("profile", "committed", "line"),
+    [("quick", Proof(5), EARLIER), ("quick", None, NOW), ("full", Proof(5), NOW)],
+)
+def test_the_quick_profile_proves_only_if_the_committed_result_is_of_other_files(
+    profile: str,
+    committed: Proof | None,
+    line: str,
+    asked: list[bool],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(recorded_proof, "committed", lambda: committed)
+    report = verify_.run(profile)
+    assert report.ok and line in shown(report).splitlines()
+    assert ("proof" in report.seconds) == (line == NOW)
+
+
+def test_a_failed_proof_is_no_success_and_is_not_kept(
+    asked: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded_proof, "committed", lambda: None)
+    monkeypatch.setattr(verify_, "_proved", lambda: Proof(5, ("refuted: BeenInv",), 2.0))
+    report = verify_.run()
+    assert not report.ok and report.exit_code == 1
+    assert "Not proved  refuted: BeenInv" in shown(report)
+    monkeypatch.setattr(verify_, "_proved", lambda: Proof(5, (), 2.0))
+    assert verify_.run().ok
+
+
+@pytest.mark.parametrize(
+    ("module", "same"),
+    [("Station", False), ("Cutoff", False), ("Inductive", False), ("Liveness", True)],
+)
+def test_the_committed_proof_is_of_these_modules(
+    module: str, same: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("tla", "tools", "proof.json"):
+        copied = shutil.copytree if (ROOT / "spec" / name).is_dir() else shutil.copy
+        (tmp_path / "spec").mkdir(exist_ok=True)
+        copied(ROOT / "spec" / name, tmp_path / "spec" / name)
+    monkeypatch.setattr(recorded_proof, "ROOT", tmp_path)
+    monkeypatch.setattr(recorded_proof, "TLA", tmp_path / "spec" / "tla")
+    monkeypatch.setattr(recorded_proof, "PATH", tmp_path / "spec" / "proof.json")
+    assert recorded_proof.committed() is not None, "automcm generate spec/proof.json"
+    with (tmp_path / "spec" / "tla" / f"{module}.tla").open("a") as file:
+        file.write("\n")
+    assert (recorded_proof.committed() is not None) == same

@@ -18,6 +18,7 @@ from automcm_maintenance.corpus import corpus
 from automcm_maintenance.documents import attacker_table, state_diagrams
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.exact_vectors import vector_texts
+from automcm_maintenance.induction import recorded_proof
 from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import kept_stages
 from automcm_spec.graph import oracle, oracle_generation
@@ -127,6 +128,12 @@ def counterexamples(verdicts: Iterable[models.ModelVerdict]) -> Generated:
     )
 
 
+def proof(found: recorded_proof.Proof) -> Generated:
+    """The committed result of the proof."""
+    path, text = recorded_proof.PATH, recorded_proof.text(found)
+    return Generated(path, lambda: {path: text.encode()})
+
+
 def picture() -> str:
     """The paper's four vehicles in a lane change, with a little loss and few repetitions."""
     from automcm.applications.lane_change import Plan
@@ -219,7 +226,7 @@ def between(text: str, name: str, part: str) -> str:
 
 
 def _all(one_peer: bytes, notify: Callable[[str], None]) -> Iterator[Generated]:
-    """All but the counterexamples, each after those that it is made from.
+    """All but the counterexamples and the proof, each after those that it is made from.
 
     ``one_peer`` is the graph of the present specification.
     """
@@ -304,6 +311,12 @@ def write(
     broken = [m for m in broken if wanted(COUNTEREXAMPLES / f"{m.cfg}.itf.json")]
     of_models = counterexamples(_verdicts(broken, notify))
     changed = replace(of_models, folders=() if only else of_models.folders).write()
+    if wanted(recorded_proof.PATH) and recorded_proof.committed() is None:
+        notify(_name(recorded_proof.PATH))
+        found = recorded_proof.prove()
+        if found.open:
+            raise ValueError(f"the proof fails: {found.open[0]}")
+        changed += proof(found).write()
     graph = oracle_generation.ONE_PEER
     fresh = partial(oracle_generation.generate, graph)
     anew = wanted(graph.path)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 from automcm_cli.shared.common import unknown
@@ -15,6 +15,7 @@ from automcm_cli.spec import model_output
 from automcm_maintenance.compilation import compiler
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.induction import prove_commands, recorded_proof
 from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import graph_comparison, kept_stages
 from automcm_maintenance.verify.behaviour_replay import replay
@@ -60,6 +61,7 @@ class VerifyReport:
     verdicts: list[models.ModelVerdict] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     """The models that the quick profile leaves to *full*."""
+    proof: recorded_proof.Proof | None = None
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, graph_comparison.WalkResult] = field(default_factory=dict)
     compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
@@ -131,6 +133,7 @@ class VerifyReport:
             and not self.drift
             and (bool(self.verdicts) or not self.models_too)
             and all(verdict.ok for verdict in self.verdicts)
+            and not (self.proof and self.proof.open)
             and bool(self.compared)
             and not self.divergences
             and (bool(self.compiled) or self.rule is not None)
@@ -163,6 +166,7 @@ class VerifyReport:
             "kept_stages": self.kept_stages,
             "models": [model_output.as_dict(v) | {"kept": v.kept} for v in self.verdicts],
             "kept": self.kept,
+            "proof": asdict(self.proof) if self.proof else None,
             "oracle": self.oracle,
             "reference": {
                 "states_compared": sum(c.states for c in self.compared.values()),
@@ -260,19 +264,21 @@ def run(
 
 
 def _stages(report: VerifyReport, notify: Callable[[str], None]) -> None:
-    """Check the models beside the other stages, each of which uses one core or two."""
+    """Check the models and the proof beside the other stages, which use one core or two each."""
     stop = tlc.TlcStop()
-    with ThreadPoolExecutor(1) as beside:
+    with ThreadPoolExecutor(2) as beside:
         checking = beside.submit(_models, report, notify, stop) if report.models_too else None
+        proving = beside.submit(_proof, report) if report.models_too else None
         data = None
         try:
             with _errors(report):
                 data = _oracle(report, oracle_generation.ONE_PEER, notify)
                 _compare(report, data, notify)
                 _drift(report, data, notify)
-            if checking is not None:
+            for each in (checking, proving):
                 with _errors(report):
-                    checking.result()
+                    if each is not None:
+                        each.result()
         except BaseException:
             stop.now()
             raise
@@ -308,6 +314,7 @@ def _errors(report: VerifyReport) -> Iterator[None]:
         oracle.OracleError,
         OSError,
         NotLoaded,
+        *prove_commands.FAULTS,
     ) as error:
         report.errors.append(str(error))
     except ValueError as error:
@@ -358,6 +365,26 @@ def _models(report: VerifyReport, notify: Callable[[str], None], stop: tlc.TlcSt
         kept_results.check_all(chosen, KEPT, fresh=report.fresh, on_done=done, stop=stop)
     order = [m.cfg for m in chosen]
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
+
+
+def _proof(report: VerifyReport) -> None:
+    """Prove I-1; in the quick profile only if the committed result is of other files."""
+    committed = recorded_proof.committed()
+    if report.profile == "quick" and committed:
+        report.proof = committed
+        return
+    with _timed(report, "proof"):
+        parts = recorded_proof.files()
+        found = _kept(report, "proof", parts, _proved, lambda proof: not proof.open)
+    report.proof = found
+    if not found.open:
+        report.drift += generated_files.proof(found).drift()
+
+
+def _proved() -> recorded_proof.Proof:
+    """In a process of its own, which shares no interpreter with the other stages."""
+    with ProcessPoolExecutor(1, initializer=children.end_with_parent) as pool:
+        return pool.submit(recorded_proof.prove).result()
 
 
 def _oracle(

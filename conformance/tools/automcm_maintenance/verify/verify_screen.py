@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from automcm_cli.spec.model_output import checks
+from automcm_maintenance.induction.recorded_proof import Proof
 from automcm_maintenance.verify.graph_comparison import explain
 from automcm_maintenance.verify.verify import VerifyReport
 from automcm_spec.model_checking import models
@@ -28,6 +29,10 @@ def show(report: VerifyReport, console: Console) -> None:
         for v in fails:
             if v.problem:
                 console.print(f"[red]{v.model.cfg}[/]  {_problem(v)[0]}")
+    if report.proof:
+        console.print(_proof(report.proof))
+        for text in report.proof.open:
+            console.print(f"[red]Not proved[/]  {escape(text)}")
     if report.oracle:
         o = report.oracle
         name = "Small graph" if report.rule else "Oracle"
@@ -65,6 +70,14 @@ def show(report: VerifyReport, console: Console) -> None:
     parts = "; ".join(f"{name} {seconds:.0f} s" for name, seconds in report.seconds.items())
     word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
     console.print(f"{word} after {report.elapsed:.0f} s: {parts}.")
+
+
+def _proof(proof: Proof) -> str:
+    if proof.seconds is None:
+        how = "obligations proved earlier from the same files (spec/proof.json)"
+        return f"Proof       {proof.obligations} {how}"
+    proved = proof.obligations - len(proof.open)
+    return f"Proof       {proved} of {proof.obligations} obligations proved, {proof.seconds:.0f} s"
 
 
 def _short_loop(report: VerifyReport) -> list[str]:
