@@ -13,7 +13,7 @@ from copy import copy
 from functools import cache
 from inspect import getsource
 from textwrap import dedent
-from typing import Any, NamedTuple, NoReturn, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 EMPTY: frozenset[Any] = frozenset()
 """The empty set of any type."""
@@ -21,11 +21,6 @@ EMPTY: frozenset[Any] = frozenset()
 
 class NoArm(Exception):
     """No arm of a CASE holds; TLC would stop there."""
-
-
-def no_arm(where: str) -> NoReturn:
-    """Raise NoArm."""
-    raise NoArm(where)
 
 
 class Condition(NamedTuple):

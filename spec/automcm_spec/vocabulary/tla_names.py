@@ -6,7 +6,6 @@ import re
 _TAKEN = {
     "EMPTY",
     "NoArm",
-    "no_arm",
     "any",
     "all",
     "bool",

@@ -131,7 +131,7 @@ from functools import cached_property
 from itertools import chain, product
 from typing import Any, Literal, NamedTuple, Never, TypeAlias
 
-from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm, no_arm
+from automcm_spec.vocabulary.conditions import EMPTY, Condition, NoArm
 
 '''
 

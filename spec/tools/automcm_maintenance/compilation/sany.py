@@ -25,6 +25,8 @@ OTHER = "OTHER"
 
 
 _CONSTRUCTS = {
+    "let": "LET within an expression",
+    "$Case": "CASE within an expression",
     "$BoundedChoose": "CHOOSE",
     "$UnboundedChoose": "CHOOSE",
     "$FcnConstructor": "a function [x \\in S |-> e]",

@@ -427,20 +427,17 @@ class Types:
     def _except(self, node: Node, env: Env) -> Type:
         base = self.of(node.args[0], env)
         for pair in node.args[1:]:
-            found: Type = base
-            steps, value = pair.args
-            for n, step in enumerate(steps.args):
-                if step.op != "string":
-                    raise NotCompiled("EXCEPT of a function", pair.at)
-                if not isinstance(found, Rec) or len(found.classes) != 1:
-                    raise NotCompiled("EXCEPT of a value that is not one record", pair.at)
-                fields = self.classes[next(iter(found.classes))].fields
-                if step.name not in fields:
-                    raise NotCompiled(f"a record without a field {step.name}", pair.at)
-                if n == len(steps.args) - 1:
-                    joined = self._join(fields[step.name], self.of(value, env), pair)
-                    fields[step.name] = joined
-                found = fields[step.name]
+            (step, *further), value = pair.args[0].args, pair.args[1]
+            if step.op != "string":
+                raise NotCompiled("EXCEPT of a function", pair.at)
+            if further:
+                raise NotCompiled("EXCEPT of a field of a field", pair.at)
+            if not isinstance(base, Rec) or len(base.classes) != 1:
+                raise NotCompiled("EXCEPT of a value that is not one record", pair.at)
+            fields = self.classes[next(iter(base.classes))].fields
+            if step.name not in fields:
+                raise NotCompiled(f"a record without a field {step.name}", pair.at)
+            fields[step.name] = self._join(fields[step.name], self.of(value, env), pair)
         return base
 
 

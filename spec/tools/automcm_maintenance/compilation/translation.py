@@ -1,5 +1,6 @@
 """Translates TLA+ expressions to Python expressions, and operators to methods.
 
+LET and CASE are only compiled where they are the value of an operator or of a branch of one.
 Evaluation is as lazy as in TLA+. A LET definition is bound where it is certainly needed, and
 substituted where it may not be. An operator is inlined if an argument could fail or is expensive
 and the operator does not always need it.
@@ -143,8 +144,6 @@ class Translator:
         if node.op == "$IfThenElse":
             test, then, other = node.args
             return self.needs(test, name) or (self.needs(then, name) and self.needs(other, name))
-        if node.op == "$Case":
-            return self.needs(node.args[0].args[0], name)
         if node.op in LOGIC:
             return self.needs(node.args[0], name)
         if node.bounds and node.op != "let":
@@ -190,8 +189,6 @@ class Translator:
             return f"((not {first}) or {second})"
         if node.op == "\\lnot":
             return f"(not {self.condition(node.args[0], kind)})"
-        if node.op == "let":
-            return self.condition(_unfolded(node), kind)
         if node.op in ("TRUE", "FALSE"):
             return self.expression(node)
         return self._mark(node, kind, self.text(node), self.expression(node))
@@ -242,8 +239,6 @@ class Translator:
                 return f"self.{snake(node.name)}"
             case "call":
                 return self._call(node)
-            case "let":
-                return self.expression(_unfolded(node))
             case "Cardinality":
                 return f"len({self.expression(args[0])})"
             case "$Tuple":
@@ -259,8 +254,6 @@ class Translator:
             case "$IfThenElse":
                 text = self.condition(args[0], "guard")
                 return f"({self.expression(args[1])} if {text} else {self.expression(args[2])})"
-            case "$Case":
-                return self._case_expression(node)
             case "$BoundedExists" | "$BoundedForall":
                 word = "any" if op == "$BoundedExists" else "all"
                 return f"{word}({self.condition(args[0], 'part')} {self._loops(node)})"
@@ -339,26 +332,11 @@ class Translator:
         base = self.expression(node.args[0])
         fields: dict[str, str] = {}
         for pair in node.args[1:]:
-            steps, value = pair.args
-            first, *rest = (local(step.name) for step in steps.args)
-            if first in fields:
+            (step,), value = pair.args[0].args, pair.args[1]
+            if (name := local(step.name)) in fields:
                 raise NotCompiled("EXCEPT changes a field twice", pair.at)
-            text = self.expression(value)
-            for n in range(len(rest), 0, -1):
-                inner = ".".join([base, first, *rest[: n - 1]])
-                text = f"{inner}._replace({rest[n - 1]}={text})"
-            fields[first] = text
+            fields[name] = self.expression(value)
         return f"{base}._replace({', '.join(f'{n}={v}' for n, v in fields.items())})"
-
-    def _case_expression(self, node: Node) -> str:
-        text = f"no_arm({_where(node)!r})"
-        for arm in reversed(node.args):
-            if arm.args[0].op == OTHER:
-                text = self.expression(arm.args[1])
-            else:
-                test = self.condition(arm.args[0], "case")
-                text = f"({self.expression(arm.args[1])} if {test} else {text})"
-        return text
 
 
 class _Unmark(ast.NodeTransformer):
@@ -376,14 +354,6 @@ class _Unmark(ast.NodeTransformer):
         assert isinstance(number, ast.Constant) and isinstance(number.value, int)
         self.found.setdefault(id(marked), []).append(number.value)
         return marked
-
-
-def _unfolded(let: Node) -> Node:
-    """The body of a LET with its definitions substituted."""
-    body = let.args[0]
-    for name, value in reversed(let.bounds):
-        body = body.put({name: value})
-    return body
 
 
 def _flat(node: Node, ops: set[str]) -> list[Node]:
