@@ -95,13 +95,21 @@ ReasonProp ==
 (* S-11: a command changes something only if it is about the session that  *)
 (* the station is in, and a verdict only if it is on the proposal that was *)
 (* verified last (PRE-5): nobody drives what his application said of       *)
-(* something else.                                                         *)
+(* something else.  A request starts a session only where none is, in no   *)
+(* back-off and no quarantine (END-7, ACT-6).  A receiver commits at its   *)
+(* application's word alone, and to nothing else before it leaves (NEG-2). *)
 (***************************************************************************)
 WordProp ==
-  [][ LET i == last'.input IN
-      i.kind = "command" /\ i.name # "request" /\ st' # st =>
-        /\ i.session = st.session
-        /\ i.name \in {"accept", "refuse"} => i.proposal = st.proposal
+  [][ LET i == last'.input
+          says(name) == i.kind = "command" /\ i.name = name
+      IN
+      /\ i.kind = "command" /\ i.name # "request" /\ st' # st =>
+           /\ i.session = st.session
+           /\ i.name \in {"accept", "refuse"} => i.proposal = st.proposal
+      /\ says("request") /\ st' # st => ~(Bound(st) \/ st.backoff \/ st.quarantine)
+      /\ st'.role = "receiver" /\ Enters("ACTUATING", st, st') => says("accept")
+      /\ st.role = "receiver" /\ st.phase = "ACTUATING" /\ Bound(st') =>
+           st'.phase = "ACTUATING" /\ st'.proposal = st.proposal
     ]_<<st, last>>
 
 (***************************************************************************)
@@ -212,14 +220,16 @@ Mine(m) == m.dst = Me /\ In(st, m.session) /\ ~BreaksProtocol(Me, m)
 
 (***************************************************************************)
 (* S-20: whoever cancels in the window is not recorded in this session any *)
-(* more: it has withdrawn, or there is no room for another (END-2, MEM-1). *)
+(* more: it has withdrawn, or there is no room for another (END-2, MEM-1); *)
+(* nor is anybody after the window (ADV-5).                                *)
 (***************************************************************************)
 WithdrawnProp ==
   [][ LET i == last'.input IN
-      st.phase = "ADVERTISING" /\ st'.phase = "ADVERTISING" =>
-        /\ st.withdrawn \subseteq st'.withdrawn
-        /\ /\ i.kind = "receive" /\ i.message.type = "Cancel" /\ Mine(i.message)
-           => i.message.src \in st'.withdrawn \/ ~RoomToRecord(st) ]_<<st, last>>
+      /\ st.phase = "ADVERTISING" /\ st'.phase = "ADVERTISING" =>
+           /\ st.withdrawn \subseteq st'.withdrawn
+           /\ /\ i.kind = "receive" /\ i.message.type = "Cancel" /\ Mine(i.message)
+              => i.message.src \in st'.withdrawn \/ ~RoomToRecord(st)
+      /\ st'.recorded \ st.recorded # {} => st.phase = "ADVERTISING" ]_<<st, last>>
 
 (***************************************************************************)
 (* S-21: a message of the peer counts in any phase of its session: a newer *)
@@ -326,6 +336,28 @@ VerifiesWaiting(me, x, m) ==
   THEN Effect([x EXCEPT !.phase = "NEGOTIATING", !.proposal = m.proposal],
               {Ack(me, m)}, <<"verify">>, "NEG-1")
   ELSE Effect(x, AckCopy(me, m), Nothing, "NEG-1")
+
+\* A newer proposal counts though the receiver is committed.
+VerifiesActing(me, x, m) ==
+  IF In(x, m.session) /\ ~OlderOrSame(m.proposal, x.proposal)
+  THEN Effect([x EXCEPT !.phase = "NEGOTIATING", !.proposal = m.proposal, !.heard = FALSE,
+                        !.outbox = {e \in @ : e.type # "Intention"}],
+              {Ack(me, m)}, <<"verify">>, "NEG-1")
+  ELSE Effect(x, AckCopy(me, m), Nothing, "NEG-1")
+
+\* A request counts in the back-off, and ends it.
+RequestsAtOnce(me, x) ==
+  IF Bound(x) \/ ~MayRequest(x) \/ ~Room(x) THEN Refuse(x, "ADV-1")
+  ELSE LET s == <<me, x.number + 1>> IN
+       Effect([x EXCEPT !.phase = "ADVERTISING", !.role = "prescriber", !.session = s,
+                        !.number = @ + 1, !.backoff = FALSE],
+              {Advertisement(me, s)}, Nothing, "ADV-1")
+
+\* Who asks after the window is recorded, too.
+RecordsChoosing(me, x, m) ==
+  IF In(x, m.session) /\ x.phase \in {"ADVERTISING", "CHOOSING"} /\ RoomToRecord(x)
+  THEN Effect([x EXCEPT !.recorded = @ \cup {m.src}], {Ack(me, m)}, Nothing, "ADV-5")
+  ELSE Effect(x, {Ack(me, m)}, Nothing, "ADV-5")
 
 \* A receiver that is refused as busy is asked again.
 ProposesAgain(me, x, m) ==

@@ -35,7 +35,7 @@ def test_a_cell_names_the_first_and_the_number_of_others() -> None:
     assert "| [`collide`](../conformance/vectors/collide.json#L3) +1 |" in row and "|  |" in row
 
 
-STEPS = {"ADV-1", "ADV-2", "PRE-1", "PRE-3", "NEG-2", "NEG-8"}
+STEPS = {"ADV-1", "ADV-2", "PRE-1", "PRE-3", "NEG-8"}
 """A step of the session, not a protection: ``station_properties`` must reach it."""
 NO_EFFECT = {"CMD-1", "MSG-1"}
 """The comparison gives every such input to every state."""
