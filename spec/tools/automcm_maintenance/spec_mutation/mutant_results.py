@@ -11,6 +11,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.documents.repository import PAGES, ROOT, digest, markdown_table
 from automcm_maintenance.spec_mutation.mutant_rules import HOW, KINDS, NOT_MUTATED
 from automcm_spec.model_checking.models import PROPERTIES
@@ -192,4 +193,5 @@ def page(found: MutationResults) -> str:
         properties=markdown_table(["property", "kills"], list(by_property(found.mutants).items())),
         alive=alive,
         not_mutated=NOT_MUTATED,
+        edits=faults.load("second_reader").values(),
     )
