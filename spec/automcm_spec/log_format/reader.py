@@ -257,17 +257,18 @@ def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
     Raises NotJsonError or pydantic.ValidationError.
     """
     try:
+        return record(line)
+    except ValidationError as error:
+        refused = error
+    try:
         line.decode()
     except UnicodeDecodeError as error:
         problem = f"not UTF-8 at byte {error.start + 1}{_known(line, first)}"
         raise NotJsonError(problem, "text") from None
     if not line.strip():
         raise NotJsonError("empty line", "text")
-    try:
-        return record(line)
-    except ValidationError as error:
-        if not unknown_event(error):
-            raise _json_error(error, line, first) from None
+    if not unknown_event(refused):
+        raise _json_error(refused, line, first) from None
     try:
         return UnknownEvent.model_validate_json(line)
     except ValidationError as error:

@@ -89,6 +89,8 @@ class Check:
         """Whether the check reached the end of the log or a divergence."""
         self.engine: Follower | None = None
         self.events = 0
+        self.first_ms: int | None = None
+        """The time of the first event; None if there is none."""
         self.recent: deque[tuple[int, Event]] = deque(maxlen=RECENT)
         """The last events, with their lines."""
         self.after: list[tuple[int, Event]] = []
@@ -151,6 +153,8 @@ class Check:
         self.recent.append((at, event))
         if self.judged_from and self._start.is_left_over(event, engine.timers):
             return
+        if self.first_ms is None:
+            self.first_ms = event.t_ms
         try:
             engine.feed(at, event)
         except (Diverges, CannotTell) as error:

@@ -29,7 +29,7 @@ from automcm_traces.checker.finding import (
     cannot_tell,
     unreadable,
 )
-from automcm_traces.checker.follow import Check, Follower, Watcher
+from automcm_traces.checker.follow import Check, Watcher
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import InputStep, Track
@@ -89,14 +89,7 @@ class OwnSessions(Watcher):
         self.kept: list[OwnSession] = []
         """The last ``most`` sessions."""
         self.number = 0
-        self.first_ms: int | None = None
-        """The time of the first event."""
         self._most = most
-
-    def event(self, line: int, event: Event, engine: Follower) -> None:
-        """Note the time of the first event."""
-        if self.first_ms is None:
-            self.first_ms = event.t_ms
 
     def step(self, step: InputStep, track: Track) -> None:
         """Update the sessions after a step."""
@@ -206,13 +199,6 @@ class VerdictCheck(Check):
         self._rejections = Rejections()
         noted = (self._sessions, self._hints, self._rejections)
         super().__init__(log, late_ms, [*noted, *watchers])
-
-    @property
-    def first_ms(self) -> int | None:
-        """The time of the first event; None if there is none."""
-        if self._sessions.first_ms is None and self.recent:
-            return self.recent[0][1].t_ms
-        return self._sessions.first_ms
 
     def verdict(self) -> Verdict:
         """The verdict after the check."""

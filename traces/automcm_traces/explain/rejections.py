@@ -75,7 +75,8 @@ class Rejections(Watcher):
         if not isinstance(event, Receive):
             return
         if event.rejected is None:
-            self._accepted |= {source_of(event.message)} - {ANYONE}
+            if (source := source_of(event.message)) != ANYONE:
+                self._accepted.add(source)
             return
         reason = event.rejected
         if reason not in self.reasons and len(self.reasons) >= MOST:
