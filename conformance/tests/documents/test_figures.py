@@ -25,6 +25,7 @@ NOUNS = (
 FIGURE = re.compile(rf"\b\d+([.,]\d+)*( million| of \d+)?( [a-z]+)? ({NOUNS})\b")
 BY_HAND = [
     "15.9 million inputs",  # below
+    "24 edits",  # test_second_reader
     "22 of 24 mutants that were drawn",  # automcm conform certify --quick
     "256 MiB and 200 logs",  # test_page_limits
     "22 cases",  # test_first_hour, with the next two

@@ -311,12 +311,6 @@ def write(
     broken = [m for m in broken if wanted(COUNTEREXAMPLES / f"{m.cfg}.itf.json")]
     of_models = counterexamples(_verdicts(broken, notify))
     changed = replace(of_models, folders=() if only else of_models.folders).write()
-    if wanted(recorded_proof.PATH) and recorded_proof.committed() is None:
-        notify(_name(recorded_proof.PATH))
-        found = recorded_proof.prove()
-        if found.open:
-            raise ValueError(f"the proof fails: {found.open[0]}")
-        changed += proof(found).write()
     graph = oracle_generation.ONE_PEER
     fresh = partial(oracle_generation.generate, graph)
     anew = wanted(graph.path)
@@ -327,6 +321,12 @@ def write(
             notify(_name(each.path))
             make = partial(_kept, each.path.name, each.make) if each.slow else each.make
             changed += replace(each, make=make).write()
+    if wanted(recorded_proof.PATH) and recorded_proof.committed() is None:
+        notify(_name(recorded_proof.PATH))
+        found = recorded_proof.prove()
+        if found.open:
+            raise ValueError(f"the proof fails: {found.open[0]}")
+        changed += proof(found).write()
     if unused := [path for path in only if path not in used]:
         raise ValueError(f"nothing is generated at {', '.join(map(_name, unused))}")
     return changed
