@@ -5,6 +5,7 @@ The table is in docs/messages.md.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -94,16 +95,14 @@ def measure(points: Sequence[int] = POINTS) -> list[MessageSize]:
 
 def most_points(used: Codec, budget: int = FRAME_BYTES) -> int:
     """The maximum number of points of a Prescription within the budget in bytes (KIN-2)."""
-    low, high = 0, budget
-    while low < high:
-        middle = (low + high + 1) // 2
-        prescription = carrying(trajectory(middle))[2]
+
+    def too_large(points: int) -> bool:
         try:
-            fits = len(used.encode(prescription)) <= budget
-        except MessageError:  # too large for a datagram
-            fits = False
-        low, high = (middle, high) if fits else (low, middle - 1)
-    return low
+            return len(used.encode(carrying(trajectory(points))[2])) > budget
+        except MessageError:  # for a datagram
+            return True
+
+    return bisect_left(range(1, budget + 1), True, key=too_large)
 
 
 def table() -> str:
