@@ -136,6 +136,8 @@ class Recorder(Watcher):
         self._own: object = None
         """The part of the state that belongs to the own session."""
         self._deadlines: dict[Timer, int] = {}
+        self._known = 0, 0, 0
+        """The last step: its event, line and time."""
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
         """Record the deadlines of armed timers, to measure the delay of an expiry."""
@@ -145,8 +147,11 @@ class Recorder(Watcher):
             self._deadlines[event.timer] = event.deadline
 
     def step(self, step: InputStep, track: Track) -> None:
-        """Add a moment."""
+        """Add a moment, unless a CAM has come that changes nothing: most of a log."""
         t, gone = track, list[OutboxEntry]()
+        self._known = self._places[step.at], step.at, step.t_ms
+        if step.input.kind == "cam" and not step.changes:
+            return
         if step.changes or step.sent:
             kept = {id(e) for e in t.outbox}
             gone = [e for e in self._outbox if id(e) not in kept]
@@ -166,9 +171,7 @@ class Recorder(Watcher):
             late = event.t_ms - self._deadlines.get(event.timer, event.t_ms)
         self.made.moments.append(
             Moment(
-                self._places[step.at],
-                step.at,
-                step.t_ms,
+                *self._known,
                 t.state.phase,
                 t.state.role,
                 t.session,
@@ -194,6 +197,7 @@ class Recorder(Watcher):
             why = missing if check.unpromised else f"it lost {check.lost} records"
             problem, line = cannot_tell(made.file, 0, why), 0
             made.moments.clear()
+            self._known = 0, 0, 0
         if problem.kind == "cannot_tell":
             made.ending, made.why = "cannot_tell", f"{made.file}:{line}: {problem.observed}"
         elif check.diverges is not None:
@@ -206,8 +210,7 @@ class Recorder(Watcher):
             else:
                 made.why = f"its log ends at {made.file}:{line}"
             return
-        known = made.moments[-1] if made.moments else Moment(0, 0, 0)
-        made.last = (known.at, known.line, known.t_ms)
+        made.last = self._known
 
 
 def _own(t: Track) -> tuple[object, ...]:
