@@ -6,7 +6,7 @@ make an observable difference.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -21,6 +21,8 @@ from automcm_spec.log_format.log import (
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.renumbering import Rename
 from automcm_spec.vocabulary.station import (
     Expire,
     Input,
@@ -125,16 +127,30 @@ def _type(i: Input) -> str:
     return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
 
 
-def answers(t: Track, event: Event) -> tuple[InputAnswer, ...]:
-    """The inputs that may have come unobserved before an event, and their outcomes."""
+def answers(t: Track, event: Event) -> tuple[tuple[InputAnswer, ...], Rename]:
+    """The inputs that may have come unobserved before an event, and their outcomes.
+
+    Their sessions count from the first one that matters, for the same answers come in each session;
+    the function returned gives them their own numbers.
+    """
     peers, sessions, proposals = _named_by(event)
     st = t.state
     peers |= {t.peer, *st.recorded, *(e.to for e in st.outbox)}
     sessions |= {st.session, (t.me, st.number + 1), *(e.session for e in st.outbox)}
     proposals |= {*range(max(st.proposal - 1, 1), st.proposal + AHEAD + 1)}
     proposals |= {e.seq for e in st.outbox if e.type in NUMBERED}
-    about = frozenset(peers - {0, t.me}), frozenset(sessions - {UNBOUND}), frozenset(proposals)
-    return _answers(t.limits, t.me, *about, st)
+    sessions.discard(UNBOUND)
+    first: dict[int, int] = {}
+    for p, n in (*sessions, *st.joined):
+        first[p] = min(first.get(p, n), n) if p else 0
+    count, back = _moved(first, -1), _moved(first, 1)
+    about = frozenset(peers - {0, t.me}), frozenset(map(count, sessions)), frozenset(proposals)
+    state = renumbering.state(st, count)._replace(number=st.number - first[t.me])
+    return _answers(t.limits, t.me, *about, state), back
+
+
+def _moved(first: Mapping[int, int], by: int) -> Rename:
+    return lambda session: (session[0], session[1] + by * first.get(session[0], 0))
 
 
 @lru_cache(maxsize=2_000)

@@ -26,6 +26,7 @@ from automcm_spec.log_format.log import (
     TimerArm,
     TimerEnd,
 )
+from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Input, Outcome
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
@@ -52,6 +53,8 @@ class _Supposing(Engine):
     """One state that the log allows, with the unobserved events it supposes."""
 
     supposed: tuple[Supposition, ...] = ()
+    restarts = 0
+    """The number of restarts among ``supposed``."""
 
     def suppose(self, i: Input, at: int, after: int, until_ms: int) -> None:
         """Suppose an unobserved input after line ``after`` and before the event of line ``at`` at
@@ -73,6 +76,7 @@ class _Supposing(Engine):
         if i.kind == "restart" or (i.kind == "expire" and step.indication[0] == "fallback"):
             what = "restart" if i.kind == "restart" else short(i.timer)
             self.supposed = (*self.supposed, Supposition(what, after, at))
+            self.restarts += what == "restart"
 
 
 class Possible:
@@ -203,14 +207,16 @@ class _Search:
         self._is_new(base)
         if not takes and isinstance(self.event, ApplicationIndication):
             self._try(base.copy())  # END-5: of an unobserved message, after the last input
-        for answer in answers(base.track, self.event):
+        found, back = answers(base.track, self.event)
+        for answer in found:
             shows, is_logged = _shows(answer, self.event), self._is_logged(answer.outcome)
             if (is_logged and not shows) or not (answer.changes or shows):
                 continue
-            if not self._may_be(answer.input, base, shows):
+            i = renumbering.input_of(answer.input, back)
+            if not self._may_be(i, base, shows):
                 continue
             supposing = base.copy()
-            supposing.suppose(answer.input, self.at, self.after, self.event.t_ms)
+            supposing.suppose(i, self.at, self.after, self.event.t_ms)
             if not shows:
                 supposing.finish()
             if is_logged:
@@ -300,7 +306,9 @@ def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) ->
     if other.step is not None and engine.step is not None:
         other.step.since_ms = min(other.step.since_ms, engine.step.since_ms)
         other.step.t_ms = max(other.step.t_ms, engine.step.t_ms)
-    other.supposed = _common(other.supposed, engine.supposed)
+    if other.supposed != engine.supposed:
+        other.supposed = _common(other.supposed, engine.supposed)
+        other.restarts = sum(one.what == "restart" for one in other.supposed)
 
 
 def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Supposition, ...]:
@@ -326,7 +334,7 @@ def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
     """
     wanted = d.finding.expected
     lacks = 0 if wanted in ((), (NOTHING,)) else len(wanted)
-    restarts = sum(one.what == "restart" for one in engine.supposed)
+    restarts = engine.restarts
     if isinstance(d, Late):
         return 1 + restarts, 0
     if d.mismatch:
