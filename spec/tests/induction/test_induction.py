@@ -127,7 +127,7 @@ def test_steps_keep_the_invariant(spec: ParsedModules) -> None:
     assert {r.goal for r in results} == {*Prover(spec).conjuncts, *OF_STEPS}
 
 
-@pytest.mark.slow
+@pytest.mark.deep  # the full profile of verify proves it, too
 def test_all_is_proved(spec: ParsedModules) -> None:
     report = prove_commands.run([], "", lambda text: None)
     assert report.open == []
