@@ -61,6 +61,8 @@ from automcm_spec.vocabulary.station import Input
 SESSIONS, ROUNDS, PARTICIPANTS, RECEPTIONS = 300, 8, 32, 10_000
 MANY_ROUNDS = {"max_rounds": 260, "outbox_limit": 300}
 """More than a byte can count."""
+MESSAGES = 33_000
+"""More than 16 bits with a sign can count."""
 MEMORY = 4
 """A memory_limit that is soon reached."""
 BULK = 500
@@ -267,11 +269,32 @@ def _late_acks(x: Exchange, rounds: int) -> Exchange:
     return x
 
 
-def _asked(rounds: int, agree: bool) -> list[Input]:
+def _messages(fresh: Fresh, prescriber: bool) -> Played:
+    """As many reliable messages in one life: a prescriber's in one session, a receiver's in many.
+    Of the receiver's copies that are due at the same time, the older comes first (section 3)."""
+    changed = {"t_timeout": 2 * USUAL["t_resend"]}
+    limits = {"max_rounds": MESSAGES, "outbox_limit": 2 * MESSAGES} if prescriber else {}
+    values = replace(MANY, numbers={Y: tuple(range(MESSAGES))})
+    x = fresh(USUAL | changed, values=values, limits=_LIMITS | limits, logged=False)
+    if not (changed | limits).items() <= x.parameters.items():
+        yield None
+    elif prescriber:
+        yield _given(x, _asked(MESSAGES, True, acked=False))
+    else:
+        for n in range(1, MESSAGES // 2 + 1):
+            x.give(number(x, _advertised(Y, n)), at=x.now + x.parameters["t_resend"])
+            x.give(number(x, command("abort", (Y, n))))
+            if n % BULK == 0:
+                x.flush()
+        yield x
+
+
+def _asked(rounds: int, agree: bool, acked: bool = True) -> list[Input]:
     """A prescriber proposes as often as it may; ``agree``: the last proposal is accepted."""
     script: list[Input] = [REQUEST, INTENDED, CLOSE]
     for k in range(1, rounds + 1):
-        script += [command("prescribe", MINE, k, Y), received("Ack", MINE, of=("Prescription", k))]
+        script.append(command("prescribe", MINE, k, Y))
+        script += [received("Ack", MINE, of=("Prescription", k))] * acked
         script.append(received("Acceptance", MINE, k, accepted=agree and k == rounds))
     return script
 
@@ -338,6 +361,7 @@ _CASES = {
     "orders": _orders,
     "receptions": _receptions,
     "rounds": _rounds,
+    "messages": _messages,
     "times": _times,
     "leases": _leases,
     "texts": _texts,

@@ -27,7 +27,7 @@ from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
 from automcm_spec.support.collection import uncollected
 
-LONG = ("quantity sessions", "quantity receptions")
+LONG = ("quantity sessions", "quantity receptions", "quantity messages")
 """The first words of the cases that ``--quick`` omits because they are long."""
 
 

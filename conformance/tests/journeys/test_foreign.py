@@ -29,7 +29,7 @@ def foreign() -> Any:
 
 def test_the_mutants_are_well_formed() -> None:
     found, combined = (faults.load(name).values() for name in ("cpp", "cpp_combined"))
-    assert (len(found), len(combined)) == (31, 10)
+    assert (len(found), len(combined)) == (32, 10)
     for mutant in [*found, *combined]:
         assert mutant.story.endswith(".") and set(mutant.notice["rules"]) <= set(RULES)
     assert all(len(mutant.edits) == len(mutant.notice["rules"]) == 2 for mutant in combined)

@@ -14,6 +14,8 @@ from automcm_spec.vocabulary.station import Expire, Input, Session, State, Stati
 T = TypeVar("T")
 ME = 1
 """The station's own id (oracle.py)."""
+KEPT = 1_000
+"""The number of answers that are kept."""
 
 
 class _Numbers(dict[T, int]):
@@ -51,6 +53,8 @@ class GrowingGraph(Oracle):
 
     def answer(self, state: int, i: int) -> OracleAnswer | None:
         """The outcome; None for a timer that is not armed."""
+        if len(self._found) >= KEPT:
+            self._found.clear()
         if (state, i) not in self._found:
             self._found[state, i] = self._ask(state, i)
         return self._found[state, i]
