@@ -67,6 +67,11 @@ class Adapter:
         """Whether the process that answered last is still running."""
         return self._process is not None
 
+    @property
+    def resident(self) -> int:
+        """The bytes of main memory that the processes of the adapter use; 0 if unknown."""
+        return 0 if self._process is None else self._process.resident
+
     def pump(self) -> None:
         """Write and read without waiting, so that the station works while the kit does."""
         if self._process is not None and self._sent:

@@ -140,6 +140,11 @@ class Process:
         rest = [_shown(self._stderr_rest)] if self._stderr_rest else []
         return [*self._stderr, *rest][-STDERR_LINES:]
 
+    @property
+    def resident(self) -> int:
+        """The bytes of main memory that the process group uses. Only on Linux; elsewhere 0."""
+        return children.resident(self._process.pid)
+
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
         """Write the lines, each with its line feed; returns as many answers, without line feeds.
 

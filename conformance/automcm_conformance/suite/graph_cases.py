@@ -95,6 +95,8 @@ class Runner:
         self.stuck = set[str]()
         """The parts whose rest is skipped because the station hangs."""
         self.parts: list[PairPart] = []
+        self.notes: list[str] = []
+        """What no verdict says."""
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
         self.broke = False

@@ -16,6 +16,7 @@ from automcm_conformance.exchange.results import NONDETERMINISTIC
 from automcm_conformance.exchange.tours import Pair
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import off_graph_cases
+from automcm_conformance.suite.endurance import MemoryWatch
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import PairPart, Tally
@@ -33,7 +34,9 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
         tally.skipped.update(sorted(missing)[:1])
         return
     part = PairPart(part.name, off_graph_cases.graph(purpose.case, part.oracle))
-    fresh = partial(runner.exchange, part.oracle)
+    watch = MemoryWatch(runner.adapter)
+    link = watch if purpose.case.startswith("quantity receptions") else None
+    fresh = partial(runner.exchange, part.oracle, link=link)
     steps: list[Step] = []
     count = infeasible = 0
     try:
@@ -50,6 +53,7 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
         steps = wrong.steps
         pair = deciding_pair(part.oracle, wrong)
         tally.faults.append(runner.labelled(part, pair, wrong, purpose, unconfirmed=unconfirmed))
+    runner.notes.append(watch.note)
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden

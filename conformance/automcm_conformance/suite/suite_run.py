@@ -16,6 +16,7 @@ from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.results import BROKE, INTERRUPTED, Report
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.suite import named_cases, two_peer_pairs
+from automcm_conformance.suite.endurance import nesting
 from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.off_graph_cases import TWO, two_peers
 from automcm_conformance.suite.purposes import Owners, Purpose
@@ -63,6 +64,10 @@ def conform(
                 if not quick:
                     named_cases.samples(runner, folder)
             special(runner, graphs, purposes, folder)
+            discards = any(purpose.case.startswith("malformed ") for purpose in purposes)
+            if discards and not runner.cut_short:
+                (reset,) = runner.exchange(graphs.one).unwritten_lines
+                runner.notes.append(nesting(adapter, reset))
     except KeyboardInterrupt:
         runner.ended = INTERRUPTED
     except (OSError, OracleError):

@@ -102,7 +102,7 @@ def report(
     seen = {rule for case in cases if case.verdict in ("PASS", "FAIL") for rule in case.rules}
     coverage["rules"] = [len(seen), len(rules)]
     problems = list(runner.adapter.problems)
-    notes = [runner.adapter.slowness]
+    notes = [runner.adapter.slowness, *runner.notes]
     if runner.elsewhere is not None:
         about = f"{runner.elsewhere.deciding.rule}: {runner.elsewhere.what}"
         notes.append(f"a case that was not chosen fails: {about}")

@@ -89,7 +89,7 @@ def main() -> None:
             if command["cmd"] == "stop":
                 return
             answer = adapter.answer(command)
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             answer = {"error": f"{type(error).__name__}: {error}"}
         print(json.dumps(answer), flush=True)  # print anything else to sys.stderr
 
