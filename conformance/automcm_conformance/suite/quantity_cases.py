@@ -175,6 +175,8 @@ def _given(x: Exchange, values: Sequence[Input]) -> Exchange:
     """The exchange after these inputs. Raises Mismatch and Broken."""
     for value in values:
         x.give(number(x, value), at=x.now + PAUSE_MS)
+        if len(x.unwritten_steps) >= BULK:
+            x.flush()
     x.flush()
     return x
 
