@@ -243,7 +243,7 @@ function labelArrows(wanted, signs) {
     const type = typeOf(arrow.first), wide = textWidth(type), left = side > 0 ? x + 8 : x - 8 - wide;
     const narrow = wide + 22 > Math.abs(lifeline(arrow.to) - x) || y < HEAD + 12;
     const taken = placed.some((one) => one.row === arrow.first
-      || (Math.abs(one.y - y) < 12 && one.left < left + wide && left < one.left + one.wide));
+      || (Math.abs(one.y - y) < 14 && one.left < left + wide && left < one.left + one.wide));
     const signed = signs.some((one) => Math.abs(one.y - y + 4) < 16 && one.x > left - 8 && one.x < left + wide + 8);
     if (!type || narrow || taken || signed) continue;
     placed.push({ row: arrow.first, y, left, wide });
