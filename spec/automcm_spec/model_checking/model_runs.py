@@ -60,13 +60,13 @@ def runs(chosen: Sequence[Model], tla_dir: Path = TLA) -> list[list[Model]]:
 def check_all(
     chosen: Sequence[Model],
     *,
-    jobs: int = 2,
+    jobs: int = 3,
     on_done: Callable[[ModelVerdict], None] | None = None,
     tla_dir: Path = TLA,
     stop: tlc.TlcStop | None = None,
 ) -> list[ModelVerdict]:
     """Check the models, several at a time, the longest first; returns the verdicts in the given
-    order.
+    order.  Three runs keep two cores busy.
 
     on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
     remaining runs are killed.

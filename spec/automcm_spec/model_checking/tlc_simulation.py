@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -95,11 +96,15 @@ def _place(path: Path) -> list[int]:
     return [int(n) for n in path.name.split("_")[1:]]
 
 
+_WANTED = re.compile(r"^/\\ (?:last|st) = .*\n?(?:[^/].*\n?)*", re.MULTILINE)
+"""The two variables that are read; the others take most of the time."""
+
+
 def _behaviour(text: str) -> Behaviour:
     steps = []
     for part in text.split("\nSTATE_")[2:]:
         body = part.split("==", 1)[1].split("\n\n")[0].split("====")[0]
-        found = tla_values.parse_state(body.strip())
+        found = tla_values.parse_state("".join(_WANTED.findall(body)).strip())
         last: Any = found["last"]
         stations: Any = found["st"]
         who = last["station"]

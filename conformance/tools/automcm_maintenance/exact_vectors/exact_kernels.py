@@ -103,8 +103,9 @@ def fewest(drive: Trajectory, position: Fraction, speed: Fraction) -> list[int]:
     """The fewest samples, with the first and the last, that keep the bounds."""
     ways = [[0]]
     for end in range(1, len(drive.t)):
-        before = [n for n in range(end) if allowed(drive, n, end, position, speed)]
-        ways.append([*min((ways[n] for n in before), key=len), end])
+        shortest_first = sorted(range(end), key=lambda n: len(ways[n]))
+        n = next(n for n in shortest_first if allowed(drive, n, end, position, speed))
+        ways.append([*ways[n], end])
     return ways[-1]
 
 
