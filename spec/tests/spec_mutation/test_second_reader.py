@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
+from coupled_stage import edited
 
 from automcm_maintenance.code_mutation import faults
-from automcm_maintenance.documents.repository import ROOT
 from automcm_spec.model_checking import models
-from automcm_spec.support.paths import TLA
 
 EDITS = faults.load("second_reader")
 
@@ -26,13 +24,9 @@ def test_each_harmful_one_has_a_property_and_each_other_a_reason() -> None:
 @pytest.mark.parametrize("name", [name for name, edit in EDITS.items() if "model" in edit.notice])
 def test_it_violates_its_property(name: str, tmp_path: Path) -> None:
     notice = EDITS[name].notice
-    shutil.copytree(TLA, tmp_path / TLA.relative_to(ROOT))
-    EDITS[name].write(tmp_path)
     (base,) = [m for m in models.load() if m.cfg == notice["model"]]
-    formula = models.PROPERTIES[notice["property"]]
-    assert formula in models.checked_in(base.config)
-    config = f"{models.split(base.config)[0]}\n{models._keyword(formula)} {formula}\n"
-    found = models.check(
-        base.model_copy(update={"config": config}), tla_dir=tmp_path / TLA.relative_to(ROOT)
-    )
+    rest, checks = models.split(base.config)
+    (check,) = [each for each in checks if each[1] == models.PROPERTIES[notice["property"]]]
+    alone = base.model_copy(update={"config": f"{rest}\n{' '.join(check)}\n"})
+    found = models.check(alone, tla_dir=edited(EDITS[name], tmp_path))
     assert found.outcome == "violates", found
