@@ -44,7 +44,10 @@ def verify(
         ),
     ] = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Ignore kept results: run all models and stages.")
+        bool,
+        typer.Option(
+            "--fresh", help="Ignore kept results: run all models and all stages but the proof."
+        ),
     ] = False,
     json_: Json = None,
 ) -> None:

@@ -6,7 +6,7 @@ import importlib
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
@@ -242,9 +242,8 @@ def run(
 ) -> VerifyReport:
     """Check the models, write the oracle, compare, and find stale files.
 
-    With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results and make the
-    graph anew though the committed one is of the present specification; the larger profiles always
-    do.
+    With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results, and make the
+    graph anew even if the committed one is of this specification; the larger profiles always do.
 
     Problems of the examined files become errors of the report: a specification that does not parse,
     a reference that cannot be imported, a missing Java, a full disk.  Raises ValueError for an
@@ -383,7 +382,7 @@ def _proof(report: VerifyReport) -> None:
 
 def _proved() -> recorded_proof.Proof:
     """In a process of its own, which shares no interpreter with the other stages."""
-    with ProcessPoolExecutor(1, initializer=children.end_with_parent) as pool:
+    with _pool(1) as pool:
         return pool.submit(recorded_proof.prove).result()
 
 
@@ -398,10 +397,12 @@ def _oracle(
             return oracle.dump(data)
 
         name = f"oracle {graph.name}"
-        committed = None if report.fresh else _committed(graph)
-        if committed:
-            report.kept_stages.append(name)
-        data = committed or _kept(report, name, CODE, make, lambda data: True)
+        data = None
+        if not report.fresh:
+            with suppress(oracle.OracleError):  # it is made now
+                data = _committed(graph)
+                report.kept_stages.append(name)
+        data = data or _kept(report, name, CODE, make, lambda data: True)
         written = oracle.parse(data, "oracle")
         report.oracle = {
             "states": len(written.states),
@@ -412,13 +413,10 @@ def _oracle(
     return data
 
 
-def _committed(graph: oracle_generation.Graph) -> bytes | None:
-    """The graph in the repository, if it was made from the present specification."""
-    try:
-        data = oracle.content(graph.path)
-        oracle.parse(data, graph.path, oracle_generation.spec_hash())
-    except oracle.OracleError:
-        return None
+def _committed(graph: oracle_generation.Graph) -> bytes:
+    """The graph in the repository.  Raises OracleError if it is not of this specification."""
+    data = oracle.content(graph.path)
+    oracle.parse(data, graph.path, oracle_generation.spec_hash())
     return data
 
 
@@ -454,8 +452,8 @@ def _drift(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None])
         )
 
 
-def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+def _pool(processes: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(processes, initializer=children.end_with_parent)
 
 
 @dataclass
@@ -499,17 +497,14 @@ def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None
 def _comparisons(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
     _load_reference()
     drift = []
-    with _pool() as pool:
+    with _pool(2) as pool:
         notify("comparison: every state, every input")
         data = {oracle_generation.ONE_PEER.name: one_peer}
         for graph in report.graphs:
             try:
-                found = oracle.content(graph.path)
-                oracle.parse(found, graph.path, oracle_generation.spec_hash())
+                data[graph.name] = _committed(graph)
             except oracle.OracleError as error:
                 drift.append(generated_files.error_text(error))
-                continue
-            data[graph.name] = found
         # The largest first, because it takes half of the time.
         ordered = sorted(data, key=lambda name: -len(data[name]))
         begun = {name: pool.submit(_walk, data[name]) for name in ordered}
