@@ -8,6 +8,7 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -54,6 +55,7 @@ def captions(name: str, table: str) -> dict[str, str]:
     return found
 
 
+@cache
 def _table(file: str) -> Values:
     return tomllib.loads((PAGES / f"{file}.toml").read_text(encoding="utf-8"))
 
