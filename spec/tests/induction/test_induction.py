@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from automcm_maintenance.induction.proof import (  # noqa: E402
     OF_STEPS,
     ProofResult,
     Prover,
+    uncollected,
 )
 from automcm_spec.model_checking import models  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
@@ -35,6 +37,12 @@ LIMITS = {
     "OutboxLimit": STATION.outbox_limit,
     "MemoryLimit": STATION.memory_limit,
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _uncollected() -> Iterator[None]:
+    with uncollected():
+        yield
 
 
 @pytest.fixture(scope="module")

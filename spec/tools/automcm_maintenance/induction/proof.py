@@ -10,9 +10,11 @@ What TypeInv says of sizes is left out.
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AnySet
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, product
 from typing import NamedTuple
@@ -52,6 +54,19 @@ ENTRIES = ("Intention", "Prescription", "Acceptance", "Fin", "Cancel")
 """The types of records in the radio and in an outbox. FormInv and OwnEntriesInv say so."""
 EFFORT = 20_000_000
 """The limit of z3's own measure of its work on an obligation: the same on every machine."""
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Garbage is only collected after each kind of step. Another thread may begin a collection at
+    any time, and z3 crashes if it frees what belongs to z3 while z3 works."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 _VERDICTS = {"unsat": "proved", "sat": "refuted", "unknown": "unknown"}
@@ -142,6 +157,7 @@ class Prover:
         for kind in self.transitions():
             if step in kind.name:
                 yield from self._step(base, kind)
+                gc.collect()
 
     def satisfiable(self) -> tuple[str, dict[str, str]]:
         """Attempts to prove FALSE: from the invariant, and from a step of each kind.

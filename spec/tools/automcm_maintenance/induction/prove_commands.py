@@ -61,7 +61,7 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
     """Prove the obligations of the steps whose name contains ``step``; "" means all."""
     if find_spec("z3") is None:
         raise MissingProver("z3-solver is not installed: pip install 'automcm[prove]'")
-    from automcm_maintenance.induction.proof import Prover
+    from automcm_maintenance.induction.proof import Prover, uncollected
 
     notify("reading the specification")
     spec = sany.read(sany.export(MODULE))
@@ -70,9 +70,10 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
         if name not in known:
             raise ProveUsage(unknown(name, known, "conjunct of the invariant"))
     results: list[ProofResult] = []
-    for result in Prover(spec, frozenset(without)).results(step):
-        results.append(result)
-        notify(f"{len(results)} obligations; {result.step or ONE_STATE}: {result.goal}")
+    with uncollected():
+        for result in Prover(spec, frozenset(without)).results(step):
+            results.append(result)
+            notify(f"{len(results)} obligations; {result.step or ONE_STATE}: {result.goal}")
     if not results:
         raise ProveUsage(f"no step has {step!r} in its name")
     return ProofReport(results)
