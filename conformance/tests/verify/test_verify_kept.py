@@ -67,9 +67,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 
 @pytest.mark.parametrize(
     ("arguments", "fresh"),
-    [([], False), (["--fresh"], True), (["--profile", "full"], True), (["--no-models"], None)],
+    [([], False), (["--fresh"], True), (["--profile", "full"], False), (["--no-models"], None)],
 )
-def test_only_the_quick_profile_takes_what_is_kept(
+def test_models_are_kept_unless_all_is_to_run(
     arguments: list[str], fresh: bool | None, asked: list[bool]
 ) -> None:
     answer = automcm("verify", *arguments, "--json", "-")
@@ -120,11 +120,16 @@ def test_a_stage_is_kept_until_a_file_that_it_depends_on_changes(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("present", "fresh", "made"),
-    [(True, False, False), (True, True, True), (False, False, True)],
+    ("present", "options", "made"),
+    [
+        (True, {}, False),
+        (True, {"fresh": True}, True),
+        (True, {"profile": "full"}, True),
+        (False, {}, True),
+    ],
 )
 def test_the_committed_graph_counts_while_the_specification_is_its_own(
-    present: bool, fresh: bool, made: bool, monkeypatch: pytest.MonkeyPatch
+    present: bool, options: dict[str, Any], made: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     graph, builds = oracle_generation.ONE_PEER, []
     committed = json.loads(oracle.content(graph.path))
@@ -136,7 +141,7 @@ def test_the_committed_graph_counts_while_the_specification_is_its_own(
     monkeypatch.setattr(oracle_generation, "build", build)
     if not present:
         monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
-    report = verify_.VerifyReport("quick", fresh=fresh)
+    report = verify_.VerifyReport(**{"profile": "quick"} | options)
     verify_._oracle(report, graph, lambda text: None)
     assert builds == [graph] * made and report.kept_stages == ["oracle one-peer"] * (not made)
 

@@ -86,6 +86,11 @@ class VerifyReport:
     fresh: bool = False
 
     @property
+    def remakes(self) -> bool:
+        """Whether stages that are no models run although nothing has changed."""
+        return self.fresh or self.profile != "quick"
+
+    @property
     def kept(self) -> int:
         """The number of models with a kept result, because none of its inputs has changed."""
         return sum(verdict.kept for verdict in self.verdicts)
@@ -243,7 +248,8 @@ def run(
     """Check the models, write the oracle, compare, and find stale files.
 
     With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results, and make the
-    graph anew even if the committed one is of this specification; the larger profiles always do.
+    graph anew even if the committed one is of this specification.  The larger profiles keep only
+    results of models.
 
     Problems of the examined files become errors of the report: a specification that does not parse,
     a reference that cannot be imported, a missing Java, a full disk.  Raises ValueError for an
@@ -251,7 +257,7 @@ def run(
     """
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
-    report = VerifyReport(profile, models_too, rule, fresh=fresh or profile != "quick")
+    report = VerifyReport(profile, models_too, rule, fresh=fresh)
     started = time.monotonic()
     if rule is not None:
         with _errors(report):
@@ -328,7 +334,7 @@ def _kept(
     clean: Callable[[T], bool],
 ) -> T:
     """The result of a stage, kept if the files that it depends on have not changed."""
-    if report.fresh:
+    if report.remakes:
         return make()
     key = kept_stages.key(ROOT, *parts)
     found, earlier = kept_stages.kept(KEPT / f"{name}.stage", key, make, clean)
@@ -398,7 +404,7 @@ def _oracle(
 
         name = f"oracle {graph.name}"
         data = None
-        if not report.fresh:
+        if not report.remakes:
             with suppress(oracle.OracleError):  # it is made now
                 data = _committed(graph)
                 report.kept_stages.append(name)
