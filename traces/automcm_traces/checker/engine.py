@@ -122,6 +122,8 @@ class Engine:
         resend = header.t_resend, self._clock_drift
         self.track = Track(header.station, limits_of(p), *resend)
         self._specification = specification(*self.track.limits)
+        self._shares_track = False
+        """Whether a copy may have the same track; it is copied before it changes."""
         self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
         """The time of the last event other than a CAM; unobserved inputs happened later."""
@@ -137,8 +139,8 @@ class Engine:
     def copy(self) -> Self:
         """A copy that can continue independently."""
         other = self.__class__.__new__(self.__class__)
+        self._shares_track = True
         other.__dict__.update(self.__dict__)
-        other.track = self.track.copy()
         other.timers = dict(self.timers)
         other._no_op_cams = {}
         other.step = None if self.step is None else self.step.copy()
@@ -239,6 +241,8 @@ class Engine:
             self.observer(step, self.track)
 
     def _lift(self, step: InputStep) -> None:
+        if self._shares_track:
+            self.track, self._shares_track = self.track.copy(), False
         t, m = self.track, step.given
         if step.input[0] == "restart":
             self.timers = {k: d for k, d in self.timers.items() if k.name == "quarantine"}

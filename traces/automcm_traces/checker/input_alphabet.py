@@ -6,7 +6,7 @@ make an observable difference.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from automcm_spec.vocabulary.station import (
     Session,
     State,
 )
-from automcm_traces.checker.track import NUMBERED, UNBOUND, Limits, Track
+from automcm_traces.checker.track import NO_INDICATION, NUMBERED, UNBOUND, Limits, Track
 
 AHEAD = 3
 """The maximum difference between the proposal of an unlogged Prescription and the last proposal."""
@@ -115,19 +115,48 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
     return [*found.expiries(st), *found.proper, *found.broken]
 
 
+Effect = tuple[str, ...]
+"""("send", type, the type that an Ack names), ("indication", name), ("arm" or "stop", timer)."""
+LOGGED_AS = {"send": "send", "indication": "indication", "arm": "timer", "stop": "timer"}
+"""The kind of events that a log promises, for each kind of effect."""
+
+
 class InputAnswer(NamedTuple):
-    """An input, its outcome, and whether it changes the state or a timer."""
+    """An input, whether it changes the state or a timer, and its effects."""
 
     input: Input
-    outcome: Outcome
     changes: bool
+    effects: frozenset[Effect]
+
+
+class InputAnswers:
+    """The inputs that have an effect in a state."""
+
+    def __init__(self, found: Iterable[InputAnswer]) -> None:
+        self._found = tuple(found)
+        self._unseen: dict[tuple[object, ...], list[tuple[Input, bool, bool]]] = {}
+
+    def unseen(
+        self, effect: Effect | None, promised: frozenset[str]
+    ) -> list[tuple[Input, bool, bool]]:
+        """The inputs that may come before an event, which may be this effect: each with whether it
+        has the effect, and whether the log promises any of its effects."""
+        found = self._unseen.get((effect, promised))
+        if found is None:
+            found = self._unseen[effect, promised] = []
+            for answer in self._found:
+                shows = effect in answer.effects
+                logged = any(LOGGED_AS[kind] in promised for kind, *_ in answer.effects)
+                if shows or (answer.changes and not logged):
+                    found.append((answer.input, shows, logged))
+        return found
 
 
 def _type(i: Input) -> str:
     return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
 
 
-def answers(t: Track, event: Event) -> tuple[tuple[InputAnswer, ...], Rename]:
+def answers(t: Track, event: Event) -> tuple[InputAnswers, Rename]:
     """The inputs that may have come unobserved before an event, and their outcomes.
 
     Their sessions count from the first one that matters, for the same answers come in each session;
@@ -161,8 +190,8 @@ def _answers(
     sessions: frozenset[Session],
     proposals: frozenset[int],
     st: State,
-) -> tuple[InputAnswer, ...]:
-    """The inputs that have an effect in this state, one for each distinct outcome."""
+) -> InputAnswers:
+    """One input for each distinct outcome."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
     first: dict[tuple[object, ...], Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
@@ -173,9 +202,34 @@ def _answers(
     for (kind, type_, _), i in first.items():
         outcome = alphabet.step(me, st, i)
         changes = bool(outcome.st != st or outcome.arm)
-        if changes or outcome.out or outcome.told != alphabet.nothing:
-            found.setdefault((kind, type_, outcome), InputAnswer(i, outcome, changes))
-    return tuple(found.values())
+        effects = _effects(outcome)
+        if changes or effects:
+            found.setdefault((kind, type_, outcome), InputAnswer(i, changes, effects))
+    return InputAnswers(found.values())
+
+
+def _effects(outcome: Outcome) -> frozenset[Effect]:
+    found: set[Effect] = {("send", m.type, m.of[0]) for m in outcome.out}
+    found |= {("arm", timer[0]) for timer in outcome.arm}
+    found |= {("stop", timer[0]) for timer in outcome.stop}
+    if outcome.told != NO_INDICATION:
+        found.add(("indication", outcome.told[0]))
+    return frozenset(found)
+
+
+def effect_of(event: Event) -> Effect | None:
+    """The effect that an event shows; None for an input, and for *discarded*, which any input may
+    have."""
+    match event:
+        case Send(message=m):
+            of = m.get("of")
+            acked = of.get("type") if isinstance(of, dict) else "none"
+            return "send", str(m["type"]), str(acked)
+        case ApplicationIndication(indication=indication) if indication.name != "discarded":
+            return "indication", indication.name
+        case TimerArm(timer=timer) | TimerEnd(op="stop", timer=timer):
+            return event.op, timer.name
+    return None
 
 
 @lru_cache(maxsize=500)

@@ -21,18 +21,15 @@ from automcm_spec.log_format.log import (
     ApplicationIndication,
     Event,
     Header,
-    Send,
     Timer,
-    TimerArm,
-    TimerEnd,
 )
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.rules import kind
-from automcm_spec.vocabulary.station import Input, Outcome
+from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
-from automcm_traces.checker.input_alphabet import InputAnswer, answers
-from automcm_traces.checker.track import NO_INDICATION, CannotTell, SpecInput, Track, named, short
+from automcm_traces.checker.input_alphabet import answers, effect_of
+from automcm_traces.checker.track import CannotTell, SpecInput, Track, named, short
 
 CHAIN = 8
 """The maximum number of consecutive unobserved inputs before one event."""
@@ -190,6 +187,9 @@ class _Search:
     """The number of states before the event."""
     _seen: dict[tuple[object, ...], list[_Supposing]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self._effect = effect_of(self.event)
+
     def goes_on(self, engine: _Supposing) -> Iterator[_Supposing]:
         """Try the event, then yield the states that one unobserved input leads to before it.
 
@@ -208,11 +208,8 @@ class _Search:
         if not takes and isinstance(self.event, ApplicationIndication):
             self._try(base.copy())  # END-5: of an unobserved message, after the last input
         found, back = answers(base.track, self.event)
-        for answer in found:
-            shows, is_logged = _shows(answer, self.event), self._is_logged(answer.outcome)
-            if (is_logged and not shows) or not (answer.changes or shows):
-                continue
-            i = renumbering.input_of(answer.input, back)
+        for counted, shows, is_logged in found.unseen(self._effect, self.promised):
+            i = renumbering.input_of(counted, back)
             if not self._may_be(i, base, shows):
                 continue
             supposing = base.copy()
@@ -248,12 +245,6 @@ class _Search:
             return True
         deadline = engine.timers.get(named(engine.track, [], i.timer))
         return deadline is not None and deadline.first <= self.event.t_ms
-
-    def _is_logged(self, outcome: Outcome) -> bool:
-        """Whether the log promises to contain an effect of the outcome."""
-        indication = "indication" in self.promised and outcome.told != NO_INDICATION
-        timer = "timer" in self.promised and (outcome.arm or outcome.stop)
-        return bool(outcome.out or indication or timer)
 
     def _is_new(self, engine: _Supposing) -> bool:
         """Whether no state seen so far covers this one; records it if so."""
@@ -340,20 +331,3 @@ def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
     if d.mismatch:
         return d.mismatch + restarts, 0
     return (3 + restarts, lacks) if lacks else (inf, 0)
-
-
-def _shows(answer: InputAnswer, event: Event) -> bool:
-    """Whether an event may be an effect of an input."""
-    outcome = answer.outcome
-    match event:
-        case Send(message=m):
-            of = m.get("of")
-            acked = of.get("type") if isinstance(of, dict) else "none"
-            return any((x.type, x.of[0]) == (m["type"], acked) for x in outcome.out)
-        case ApplicationIndication(indication=indication) if indication.name != "discarded":
-            return outcome.told[0] == indication.name
-        case TimerArm(timer=timer):
-            return any(one[0] == timer.name for one in outcome.arm)
-        case TimerEnd(op="stop", timer=timer):
-            return any(one[0] == timer.name for one in outcome.stop)
-    return False

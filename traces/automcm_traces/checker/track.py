@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, get_args
 
 from automcm_spec.log_format.log import (
@@ -480,13 +481,20 @@ def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Ti
             messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
             if type_ == "Advertisement" and track.advertisement is not None:
                 messages.append(track.advertisement)
-            m = messages[0]
-            key = MessageKey.model_construct(
-                type=type_, to=to or None, session=m.session, seq=m.seq
-            )
-            return MessageTimer.model_construct(name=name, message=key)
+            return _message_timer(name, type_, to or None, messages[0].session, messages[0].seq)
         case (_, int(station)):
             return ForgetTimer.model_construct(name=name, station=station)
+    return _plain_timer(name)
+
+
+@lru_cache(1000)
+def _message_timer(name: Any, type_: str, to: int | None, session: Any, seq: int) -> MessageTimer:
+    key = MessageKey.model_construct(type=type_, to=to, session=session, seq=seq)
+    return MessageTimer.model_construct(name=name, message=key)
+
+
+@cache
+def _plain_timer(name: Any) -> PlainTimer:
     return PlainTimer.model_construct(name=name)
 
 
