@@ -48,10 +48,12 @@ class Firefox:
                 return answer["result"]
 
     def open(self, path: Path, width: int = 1280, height: int = 800) -> None:
+        """In a new tab: a page that puts its view into its address may end another navigation."""
+        old, self._tab = self._tab, self.ask("browsingContext.create", type="tab")["context"]
+        self.ask("browsingContext.close", context=old)
         size = {"width": width, "height": height}
         self.ask("browsingContext.setViewport", context=self._tab, viewport=size)
         address = f"file://{path}"
-        self.ask("browsingContext.navigate", context=self._tab, url="about:blank", wait="complete")
         self.ask("browsingContext.navigate", context=self._tab, url=address, wait="complete")
         self.evaluate("new Promise((done) => requestAnimationFrame(() => done(draw())))")
 
