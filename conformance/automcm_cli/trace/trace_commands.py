@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,9 +57,11 @@ def explain(
     several = len(logs) > 1
     with uncollected():
         found = [explain_.judged_log(log, late, keep=several) for log in logs]
-        verdicts, system = explain_.verdicts(found), None
         if several:
             verdicts, system = explain_.verdicts_together(found)
+        else:
+            verdicts, system = explain_.verdicts(found), None
+        gc.freeze()  # the logs are kept until the end
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))

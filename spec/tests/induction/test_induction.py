@@ -21,9 +21,9 @@ from automcm_maintenance.induction.proof import (  # noqa: E402
     OF_STEPS,
     ProofResult,
     Prover,
-    uncollected,
 )
 from automcm_spec.model_checking import models  # noqa: E402
+from automcm_spec.support.collection import uncollected  # noqa: E402
 from automcm_spec.vocabulary import reachable_steps  # noqa: E402
 from automcm_spec.vocabulary.application import Command, names  # noqa: E402
 from automcm_spec.vocabulary.parameters import TIMERS  # noqa: E402

@@ -6,6 +6,9 @@ receivers and restarters are any sets of ids from 1, the radio is any set of mes
 set of entries, and the numbers of sessions and rounds are any integers. A step may do more than in
 TLA+: a test of the size of a set may have either value (MEM-1), and a step may change nothing.
 What TypeInv says of sizes is left out.
+
+Use it without Python's garbage collector, which another thread may start at any time: z3 crashes if
+what belongs to it is freed while it works. Garbage is collected after each kind of step.
 """
 
 from __future__ import annotations
@@ -14,7 +17,6 @@ import gc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AnySet
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, product
 from typing import NamedTuple
@@ -54,19 +56,6 @@ ENTRIES = ("Intention", "Prescription", "Acceptance", "Fin", "Cancel")
 """The types of records in the radio and in an outbox. FormInv and OwnEntriesInv say so."""
 EFFORT = 20_000_000
 """The limit of z3's own measure of its work on an obligation: the same on every machine."""
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Garbage is only collected after each kind of step. Another thread may begin a collection at
-    any time, and z3 crashes if it frees what belongs to z3 while z3 works."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 _VERDICTS = {"unsat": "proved", "sat": "refuted", "unknown": "unknown"}

@@ -13,6 +13,7 @@ from rich.console import Console
 from automcm_cli.shared.common import table_of, unknown
 from automcm_maintenance.compilation import sany
 from automcm_spec.model_checking.tlc import TlcError
+from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
     from automcm_maintenance.induction.proof import ProofResult
@@ -61,7 +62,7 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
     """Prove the obligations of the steps whose name contains ``step``; "" means all."""
     if find_spec("z3") is None:
         raise MissingProver("z3-solver is not installed: pip install 'automcm[prove]'")
-    from automcm_maintenance.induction.proof import Prover, uncollected
+    from automcm_maintenance.induction.proof import Prover
 
     notify("reading the specification")
     spec = sany.read(sany.export(MODULE))
