@@ -174,7 +174,7 @@ class Suite:
         words = ["-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider", "-m", marked]
         words += options
         words += ["-n", "2", "--dist", "worksteal"] * (len(files) > FEW)
-        words += [f"--deselect={test}" for test in self.left_out]
+        words += [f"--{'deselect' if '::' in test else 'ignore'}={test}" for test in self.left_out]
         paths = [self.root / folder for folder in FOLDERS]
         if marked == QUICK:
             words.append("--hypothesis-profile=quick")
