@@ -169,12 +169,13 @@ class Suite:
 
     def failure(self, files: Sequence[Path], marked: str, *options: str) -> str:
         """The first test that fails; empty if none does."""
+        files = [file for file in files if str(file) not in self.left_out]
         if not files:
             return ""
         words = ["-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider", "-m", marked]
         words += options
         words += ["-n", "2", "--dist", "worksteal"] * (len(files) > FEW)
-        words += [f"--{'deselect' if '::' in test else 'ignore'}={test}" for test in self.left_out]
+        words += [f"--deselect={test}" for test in self.left_out]
         paths = [self.root / folder for folder in FOLDERS]
         if marked == QUICK:
             words.append("--hypothesis-profile=quick")
