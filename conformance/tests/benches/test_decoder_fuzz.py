@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 from automcm_stage import cancel, fin
@@ -89,15 +89,3 @@ def test_a_codec_that_reads_its_own_bytes_as_another_message_is_caught() -> None
 
     with pytest.raises(decoder_fuzz.Found, match="read again as another message"):
         decoder_fuzz.check(Forgetful(""), JSON.encode(cancel()))
-
-
-def test_the_fuzzer_as_a_command(capsys: Any, monkeypatch: Any) -> None:
-    assert decoder_fuzz.main(["--count", "500", "--seed", "3"]) == 0
-    printed = capsys.readouterr()
-    assert [line.split(",")[0] for line in printed.out.splitlines()] == ["uper", "json"]
-    assert "100 inputs" in printed.out and "400 inputs" in printed.out and not printed.err
-    monkeypatch.setattr(decoder_fuzz, "codec", lambda _: Broken("leak"))
-    assert decoder_fuzz.main(["--count", "50000", "--codec", "json"]) == 1
-    first, data = capsys.readouterr().out.splitlines()
-    assert first.startswith("json, seed 1: decode raised IndexError")
-    assert bytes.fromhex(data).startswith(b"[")

@@ -1,58 +1,42 @@
-"""What ``automcm verify`` keeps for later runs: results of models, and how long each stage took."""
+"""What ``automcm verify`` takes from earlier runs, or from committed results."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import automcm, shown
+from cli_stage import shown
 
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.induction import recorded_proof
 from automcm_maintenance.induction.recorded_proof import Proof
-from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
 from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
-from automcm_spec.model_checking.models import Model, ModelVerdict
+from automcm_spec.model_checking.models import ModelVerdict
 from automcm_spec.model_checking.tlc import TlcResult
-
-CHOSEN = [model for model in models.load() if model.cfg in ("one_by_two", "bare_ack")]
-TIMES = {"models": [70.4, 2.0], "oracle": [7.0]}
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
-    return tmp_path / "kept"
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """A verify whose stages are empty; whether each was asked to run all models."""
-    fresh: list[bool] = []
-
-    def check_all(chosen: Sequence[Model], *_: object, **options: Any) -> None:
-        fresh.append(options["fresh"])
-        for model in chosen:
-            result = TlcResult("holds", None, 10, 20, 3, 0.1)
-            options["on_done"](ModelVerdict(model, "holds", None, result, None, kept=not fresh[-1]))
+def stages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A verify whose stages find nothing wrong."""
+    result = TlcResult("holds", None, 10, 20, 3, 0.1)
+    verdict = ModelVerdict(models.load()[0], "holds", None, result, None)
 
     def compared(report: verify_.VerifyReport, data: bytes, notify: object) -> None:
         report.compared = {"one-peer": WalkResult(states=1, inputs=5)}
         report.compiled = {"one-peer": Agreement(states=1, inputs=6)}
         report.coverage = Coverage(covered={"a rule": "one"})
 
-    monkeypatch.setattr(models, "load", lambda: CHOSEN)
-    monkeypatch.setattr(kept_results, "check_all", check_all)
+    monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(kept_results, "check_all", lambda *_, on_done, **__: on_done(verdict))
     monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(generated_files, "drift", lambda *_: [])
@@ -62,35 +46,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     monkeypatch.setattr(recorded_proof, "committed", lambda: Proof(5))
     monkeypatch.setattr(verify_, "_proved", lambda: Proof(5, (), 2.4))
     monkeypatch.setattr(generated_files, "proof", lambda _: none)
-    return fresh
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fresh"),
-    [([], False), (["--fresh"], True), (["--profile", "full"], False), (["--no-models"], None)],
-)
-def test_models_are_kept_unless_all_is_to_run(
-    arguments: list[str], fresh: bool | None, asked: list[bool]
-) -> None:
-    answer = automcm("verify", *arguments, "--json", "-")
-    assert answer.exit_code == 0, answer.output
-    found = json.loads(answer.output)
-    assert asked == ([] if fresh is None else [fresh])
-    assert found["kept"] == sum(m["kept"] for m in found["models"]) == (2 if fresh is False else 0)
-
-
-def test_the_screen_says_which_models_are_kept_and_how_many(asked: list[bool]) -> None:
-    said: list[str] = []
-    text = shown(verify_.run("quick", said.append))
-    assert (
-        "Kept        2 of 2 models: nothing they depend on has changed (--fresh runs all)" in text
-    )
-    assert {line.split()[0] for line in text.splitlines() if "kept" in line.split()} == {
-        model.cfg for model in CHOSEN
-    }
-    assert "models 2/2: bare_ack holds (kept)" in said
-    text = shown(verify_.run(fresh=True))
-    assert "Kept" not in text and "kept" not in text
 
 
 def test_a_stage_is_kept_until_a_file_that_it_depends_on_changes(tmp_path: Path) -> None:
@@ -146,49 +101,17 @@ def test_the_committed_graph_counts_while_the_specification_is_its_own(
     assert builds == [graph] * made and report.kept_stages == ["oracle one-peer"] * (not made)
 
 
-def test_what_a_stage_depends_on_is_there() -> None:
-    assert not [part for part in (*verify_.COMPARED, *verify_.WHOLE) if not (ROOT / part).exists()]
-
-
-def test_the_screen_says_which_stages_are_kept_and_what_is_left_to_full(
-    asked: list[bool], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    full = [model for model in models.load() if model.cfg == "one_by_two"]
-    left = full[0].model_copy(update={"profile": "full", "cfg": "larger"})
-    monkeypatch.setattr(models, "load", lambda: [*CHOSEN, left])
-    assert "Kept        generated" not in shown(verify_.run())
-    text = shown(verify_.run())
-    assert "Kept        generated files: nothing they depend on has changed" in text
-    assert "Left to full  larger: make verify ARGS='--profile full'" in text
-    assert "Kept" not in shown(verify_.run(fresh=True))
-
-
-@pytest.mark.parametrize("inputs", ["", mutant_results.present()])
-def test_stale_results_of_mutants_are_a_line_and_no_error(
-    inputs: str, asked: list[bool], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = mutant_results.MutationResults(inputs=inputs, mutants=[])
-    monkeypatch.setattr(mutant_results, "load", lambda: found)
-    report = verify_.run()
-    lines = [line for line in shown(report).splitlines() if line.startswith("Mutants ")]
-    assert report.ok and len(lines) == (not inputs)
-    assert not lines or "spec/mutation/results.json is stale" in lines[0]
-
-
 EARLIER = "Proof       5 obligations proved earlier from the same files (spec/proof.json)"
 NOW = "Proof       5 of 5 obligations proved, 2 s"
 
 
+@pytest.mark.usefixtures("stages")
 @pytest.mark.parametrize(
     ("profile", "committed", "line"),
     [("quick", Proof(5), EARLIER), ("quick", None, NOW), ("full", Proof(5), NOW)],
 )
 def test_the_quick_profile_proves_only_if_the_committed_result_is_of_other_files(
-    profile: str,
-    committed: Proof | None,
-    line: str,
-    asked: list[bool],
-    monkeypatch: pytest.MonkeyPatch,
+    profile: str, committed: Proof | None, line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorded_proof, "committed", lambda: committed)
     report = verify_.run(profile)
@@ -196,9 +119,8 @@ def test_the_quick_profile_proves_only_if_the_committed_result_is_of_other_files
     assert ("proof" in report.seconds) == (line == NOW)
 
 
-def test_a_failed_proof_is_no_success_and_is_not_kept(
-    asked: list[bool], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("stages")
+def test_a_failed_proof_is_no_success_and_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorded_proof, "committed", lambda: None)
     monkeypatch.setattr(verify_, "_proved", lambda: Proof(5, ("refuted: BeenInv",), 2.0))
     report = verify_.run()
