@@ -55,6 +55,7 @@ from automcm_spec.support.bad_input import errors_of
 from automcm_spec.vocabulary import application
 from automcm_spec.vocabulary.application import Phase, Role, names
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, RELIABLE
+from automcm_spec.vocabulary.parameters import TIMERS
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import (
     Cam,
@@ -78,11 +79,7 @@ INPUTS = (
     *(f"receive {name}" for name in MESSAGE_TYPES),
     "cam",
     *(f"command {name}" for name in names(application.Command)),
-    *(
-        f"expire {name}"
-        for name in ("advertise", "decide", "hold", "answer", "cam", "lease", "quarantine")
-    ),
-    *("expire forget", "expire backoff"),
+    *(f"expire {name}" for name in TIMERS if name not in ("giveup", "resend")),
     *(f"expire resend {name}" for name in MESSAGE_TYPES[:-1]),
     *(f"expire giveup {name}" for name in RELIABLE),
     "restart",

@@ -42,7 +42,7 @@ from automcm_spec.vocabulary.messages import (
     missing,
     required,
 )
-from automcm_spec.vocabulary.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
+from automcm_spec.vocabulary.parameters import DEFAULTS, IN_HEADER, TIMERS, UNITS, longest_delay
 
 SCHEMA: Final = "automcm.trace/1"
 
@@ -225,7 +225,7 @@ class ForgetTimer(Part):
 class PlainTimer(Part):
     """A timer that exists once per station."""
 
-    name: Literal["advertise", "answer", "backoff", "cam", "decide", "hold", "lease", "quarantine"]
+    name: Literal[tuple(sorted(TIMERS.keys() - {"giveup", "resend", "forget"}))]  # type: ignore[valid-type]
 
 
 Timer = Annotated[MessageTimer | ForgetTimer | PlainTimer, Field(discriminator="name")]
