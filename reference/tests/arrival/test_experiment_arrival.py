@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from automcm.applications.lane_change import LaneChange
 from automcm.applications.vehicle import LateBraking
 from automcm_evaluation.arrival import arrival, arrival_tables, sumo
-from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_simulation.road.drive import FourVehicles
 
 Json = Any
@@ -47,12 +45,6 @@ def test_the_driver_is_the_same_with_and_without(monkeypatch: pytest.MonkeyPatch
     assert with_.late == LateBraking(**{n: MODEL[n] for n in MODEL if n != "acceleration"})
 
 
-def test_who_never_arrives_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arrival, "TOO_LATE", 1)
-    with pytest.raises(ExperimentError, match="does not arrive: 50 km/h"):
-        arrival.drive(values("trials"), (6.0, 50.0), MODEL, coordinated=False)
-
-
 def test_the_ways_of_the_two_readings_by_hand() -> None:
     """5 s are 15 % of 33.3 s, or 15 % of 33.3 s more than that."""
     found = arrival_tables.ways(30, 0.0)
@@ -66,17 +58,6 @@ def test_the_ways_of_the_two_readings_by_hand() -> None:
 # -- SUMO
 
 
-def test_without_sumo_the_extra_is_named_before_anything_else_is_run(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "libsumo", None)
-    cells = arrival.cells(arrival.ArrivalSetting(trials=2))
-    assert [cell["part"] for cell in cells].index("trials") == 6
-    with pytest.raises(ExperimentError, match=r"automcm\[sumo\]"):
-        arrival.run(cells[0], 1)
-    assert not any(c["part"] == "sumo" for c in arrival.cells(arrival.ArrivalSetting(sumo=False)))
-
-
 def test_in_sumo_it_is_prescribed_when_it_is_with_us_and_the_lane_is_changed_then() -> None:
     drive = FourVehicles(vehicles=2, until_s=12).run()
     assert isinstance(drive.drivers[0], LaneChange)
@@ -86,11 +67,3 @@ def test_in_sumo_it_is_prescribed_when_it_is_with_us_and_the_lane_is_changed_the
     slower, moves_s = trial.slower()
     assert slower is not None and moves_s == pytest.approx(told["moves"], abs=0.2)
     assert min(slower.speeds()) == pytest.approx(10 / 3.6)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("brakes", []), ("brakes", [0]), ("restart_gap", 101), ("trials", 1)]
-)
-def test_a_setting_out_of_range_is_named(name: str, value: Json) -> None:
-    with pytest.raises(ExperimentError, match=name):
-        arrival.EXPERIMENT.set("quick", {name: value})

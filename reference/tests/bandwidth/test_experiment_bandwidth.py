@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from automcm_stage import prescription
 
-from automcm.encoding.codec import JSON, CodecError, codec
-from automcm_evaluation.bandwidth import bandwidth, bandwidth_air
+from automcm.encoding.codec import JSON, codec
 from automcm_evaluation.bandwidth.bandwidth_air import (
     Recorded,
     Sent,
@@ -93,12 +92,3 @@ def test_each_station_sends_its_certificate_once_a_second() -> None:
     sent = [Sent(ms, src, "Ack", 1, {}) for ms, src in ((0, 1), (5, 2), (999, 1), (1000, 1))]
     assert certificates(sent) == 3
     assert certificates([*sent, Sent(1999, 1, "Ack", 1, {}), Sent(2000, 1, "Ack", 1, {})]) == 4
-
-
-def test_without_the_extra_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(name: str) -> None:
-        raise CodecError("the codec uper needs asn1tools: pip install 'automcm[asn1]'")
-
-    monkeypatch.setattr(bandwidth_air, "codec", missing)
-    with pytest.raises(ExperimentError, match=r"bandwidth: .*automcm\[asn1\]"):
-        bandwidth.run({"part": "sizes"}, 1)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from automcm.links.simulated_radio import Channel
-from automcm_evaluation.framework.experiment import Cell, ExperimentError
-from automcm_evaluation.loss import loss_road, loss_sessions
+from automcm_evaluation.framework.experiment import Cell
+from automcm_evaluation.loss import loss_sessions
 from automcm_evaluation.loss.loss_tables import (
     T_TIMEOUTS,
     classes,
@@ -20,11 +20,6 @@ from automcm_evaluation.loss.loss_tables import (
 )
 
 Json = Any
-
-
-def drive(t_timeout: int, loss: int, seed: int = 3) -> Json:
-    values = {"t_timeout": t_timeout, "loss": loss, "target_m": 260.0}
-    return loss_road.drive(values, seed, beside_m=5.0, signal_m=50.0)
 
 
 # -- sessions
@@ -63,12 +58,6 @@ def test_four_messages_by_counting(n: int) -> None:
 
 
 # -- the road
-
-
-def test_who_never_arrives_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loss_road, "TOO_LATE_S", 30.0)
-    with pytest.raises(ExperimentError, match=r"does not arrive: .*'loss': 0"):
-        drive(0, 0)
 
 
 # -- the tables

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 from cli_stage import automcm
 
-from automcm_evaluation.sweeps import experiment_commands, report
-from automcm_evaluation.sweeps.catalogue import MODULES
+from automcm_evaluation.sweeps import report
 from automcm_maintenance.documents import generated_files
 from automcm_simulation.road import figures
 
@@ -23,20 +22,12 @@ SMALL = [
 EVALUATION = generated_files.EVALUATION.with_suffix("")
 
 
-def results(folder: Path) -> bytes:
-    return (folder / "bandwidth" / "results.json").read_bytes()
-
-
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("small")
     done = automcm(*SMALL, "--out", out, "--workers", "1")
     assert done.exit_code == 0, done.output
     return out
-
-
-def test_there_is_a_command_for_each_experiment() -> None:
-    assert tuple(experiment_commands.ABOUT) == (*MODULES, "all")
 
 
 @pytest.mark.slow
@@ -65,12 +56,6 @@ def test_impossible_parameters_are_named(changes: list[str], text: str, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_cannot_be_written_is_told_first(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    done = automcm(*SMALL, "--out", tmp_path / "file")
-    assert done.exit_code == 3 and "file" in done.stderr and done.stderr.count("\n") == 1
-
-
 @pytest.mark.slow
 def test_something_broken_is_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, small: Path, tmp_path: Path
@@ -86,18 +71,3 @@ def test_something_broken_is_exit_code_1(
     shutil.copytree(small, tmp_path, dirs_exist_ok=True)
     done = automcm(*SMALL, "--out", tmp_path)
     assert done.exit_code == 1 and "BROKEN: a hazard of 9 s" in done.stderr
-
-
-@pytest.mark.slow
-def test_a_report_is_rendered_again(small: Path) -> None:
-    before = results(small)
-    page = small / "bandwidth" / "README.md"
-    page.unlink()
-    done = automcm("experiment", "render", small)
-    assert done.exit_code == 0, done.output
-    assert results(small) == before and page.exists()
-
-
-def test_nothing_to_render_is_told(tmp_path: Path) -> None:
-    done = automcm("experiment", "render", tmp_path)
-    assert done.exit_code == 3 and "no subfolder contains results.json" in done.stderr

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 from traffic_stage import traffic
 
-from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps import report
 from automcm_evaluation.traffic_experiment import traffic_sweep
 from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS, Sweep
-from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic import Traffic
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
@@ -83,12 +82,6 @@ def test_collisions_and_hazards_are_wrong(
     assert line.startswith(text)
 
 
-def test_collisions_of_others_are_not_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    change = staticmethod(lambda record: record["collisions"].update(all=1))
-    monkeypatch.setattr(Staged, "change", change)
-    assert check()["wrong"] == []
-
-
 def test_a_record_without_stations_has_no_hazards() -> None:
     collisions = dict.fromkeys(COLLISIONS, 0)
     assert wrong({"collisions": collisions, "hazards": None}) == []
@@ -124,30 +117,6 @@ def test_a_run_that_breaks_off_is_wrong_and_ends_no_sweep(monkeypatch: pytest.Mo
     found = check()
     assert found["wrong"] == ["it broke off: RuntimeError('a lane is not known')"]
     assert found.keys() == good.keys() and found["command"] == good["command"]
-
-
-@pytest.mark.parametrize(
-    "error", [ExperimentError("SUMO is missing"), OSError("full"), MemoryError()]
-)
-def test_what_is_missing_on_this_machine_is_not_a_bad_run(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing(record: dict[str, Any]) -> None:
-        raise TrafficError(str(error)) if isinstance(error, ExperimentError) else error
-
-    monkeypatch.setattr(Staged, "change", staticmethod(missing))
-    with pytest.raises(type(error)):
-        check()
-
-
-def test_all_scenarios_run_with_the_first_seeds_and_every_nth_seed_twice() -> None:
-    two = Sweep(scenarios=("merge", "crossing"), first=9, seeds=2)
-    assert [(v["scenario"], v["seed"], v["twice"]) for v in traffic_sweep.cells(two)] == [
-        *(("merge", 9, False), ("crossing", 9, False), ("merge", 10, True), ("crossing", 10, True)),
-    ]
-    assert not any(v["twice"] for v in traffic_sweep.cells(Sweep(seeds=2, twice_every=0)))
-    with pytest.raises(ExperimentError, match=r"scenarios.0: 'fly': .*lane-change-4"):
-        traffic_sweep.EXPERIMENT.set("quick", {"scenarios": ["fly"]})
 
 
 def test_the_summary_adds_up_by_scenario() -> None:

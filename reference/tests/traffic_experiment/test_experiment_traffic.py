@@ -6,14 +6,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
-from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_evaluation.traffic_experiment import traffic_cell
 from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
 from automcm_evaluation.traffic_experiment.traffic_tables import coverage, indifferent, summary
-from automcm_simulation.traffic.mover import Body, RoadUser, TrafficError
+from automcm_simulation.traffic.mover import Body, RoadUser
 
 SMALL = Scale(
     blocks=(("lane-change-4", 50.0, (0.5, 1.0), 2),),
@@ -38,16 +37,6 @@ def test_lane_changes_are_counted_once_each() -> None:
         mover.bodies = lambda y=-12.25 + aside: {1: at._replace(y=y)}
         count.look(traffic)
     assert count.changes == 2
-
-
-def test_without_sumo_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(*args: object, **more: object) -> None:
-        raise TrafficError("SUMO is missing: pip install 'automcm[sumo]'")
-
-    monkeypatch.setattr(traffic_cell, "SumoMover", missing)
-    values = next(v for v in cells(SMALL) if v["part"] == "road")
-    with pytest.raises(ExperimentError, match=r"pip install 'automcm\[sumo\]'"):
-        traffic_cell.run(values, 1)
 
 
 def test_a_scenario_without_effect_of_cooperation_is_named() -> None:

@@ -60,28 +60,3 @@ def test_a_mutant_that_no_property_kills_needs_a_reason_and_no_other() -> None:
         f"no-property.toml lists {KILLED.id}, but S-1 kills it",
         "no-property.toml lists Station.Gone.x.0, but there is no such mutant",
     ]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('[[reason]]\ntext = "a"\n', r"reason.0.mutants: Field required"),
-        ('[[reason]]\ntext = " "\nmutants = ["a"]\n', r"reason.0.text: "),
-        ('[[reason]]\ntext = "a"\nmutants = []\n', r"reason.0.mutants: "),
-        ('[[reason]]\ntext = "a"\nmutants = ["b", "b"]\n', "lists b twice"),
-        ("version = 1\n", "version: "),
-        ("[[reason\n", "line 1"),
-    ],
-)
-def test_a_faulty_list_of_reasons(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "r.toml"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=f"r.toml.*{message}"):
-        mutant_results.reasons(path)
-
-
-def test_faulty_results(tmp_path: Path) -> None:
-    path = tmp_path / "results.json"
-    path.write_text('{"inputs": "", "mutants": [{}]}')
-    with pytest.raises(ValueError, match=r"results.json: mutants.0.id: Field required"):
-        mutant_results.load(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,12 +123,6 @@ def test_what_finds_a_mutant(folder: Path, pretend: Any, how: str, answer: Answe
     assert outcome.row.how == how and outcome.survived == (how != "property")
 
 
-def test_after_two_timeouts_the_others_are_not_run(folder: Path, pretend: Any) -> None:
-    ran = pretend(lambda m, _: failed(m, "timeout"))
-    run(THREE, mutants.generate(folder, ["Tiny"])[:1], folder, profile="deep")
-    assert ran == ["a", "c"]
-
-
 def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
     def answer(model: Model, checked: list[str]) -> ModelVerdict:
         if model.cfg != "a" or checked == ["OneSessionProp"]:
@@ -143,55 +136,12 @@ def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
     assert ran == ["a"] * 4 + ["c", "d"]
 
 
-def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
-    pretend(lambda model, _: failed(model, "java"))
-    with pytest.raises(mutant_runs.MutationError, match="java"):
-        run(THREE, mutants.generate(folder, ["Tiny"])[:1], folder)
-
-
 def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(models, "check", lambda model, **_: ok(model, "depth is 3"))
     with pytest.raises(mutant_runs.MutationError, match="tiny is not as expected without a mutant"):
         run([tiny()], mutants.generate(folder, ["Tiny"]), folder)
-
-
-def test_on_a_slower_machine_a_model_gets_more_time(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def check(model: Model, *, tla_dir: Path, timeout_s: float, **_: object) -> ModelVerdict:
-        """One second when it was recorded, thirty here."""
-        if timeout_s < 30:
-            return failed(model, "timeout")
-        mutated = (tla_dir / "Tiny.tla").read_text() != TINY
-        verdict = ok(model, "depth is 3" if mutated else None)
-        assert verdict.result is not None
-        return replace(verdict, result=replace(verdict.result, seconds=30))
-
-    monkeypatch.setattr(models, "check", check)
-    [outcome] = run([tiny()], mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
-    assert outcome.row.how == "counts"
-
-
-def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one, kept = mutants.generate(folder, ["Tiny"])[:1], folder / "kept"
-    monkeypatch.setattr(models, "check", lambda model, **_: failed(model, "timeout"))
-    with pytest.raises(mutant_runs.MutationError, match="without a mutant: timeout"):
-        run([tiny()], one, folder, kept=kept)
-    monkeypatch.setattr(models, "check", lambda model, **_: ok(model))
-    assert run([tiny()], one, folder, kept=kept).outcomes[0].survived
-
-
-def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
-    pretend(lambda model, _: ok(model))
-
-    def notify(text: str) -> None:
-        if text.startswith("1 of"):
-            raise KeyboardInterrupt
-
-    report = run(THREE, mutants.generate(folder, ["Tiny"]), folder, notify=notify)
-    assert len(report.outcomes) == 1 and not report.complete and report.exit_code == 4
 
 
 @pytest.mark.slow

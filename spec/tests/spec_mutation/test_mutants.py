@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mutant_stage import OTHER, TINY, changes, tiny
@@ -14,9 +11,8 @@ from mutant_stage import folder as folder
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_maintenance.spec_mutation import mutant_results, mutant_runs, mutants
+from automcm_maintenance.spec_mutation import mutants
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
-from automcm_maintenance.spec_mutation.mutants import Mutant
 from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
 
@@ -92,28 +88,6 @@ def test_a_negated_list_of_conjuncts_keeps_its_columns(folder: Path) -> None:
     assert lines[first].index("/\\") == lines[first + 1].index("/\\")
 
 
-def test_the_sample_is_a_fixed_one() -> None:
-    found = generated()
-    few, more = mutants.sample(found, 10), mutants.sample(found, 20)
-    assert len(few) == 10 and set(few) < set(more) and more == mutants.sample(found, 20)
-    assert mutants.sample(found, None) == found
-
-
-def test_without_the_packages_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "tree_sitter_tlaplus", None)
-    answer = CliRunner().invoke(app, ["spec", "mutate", "--list"])
-    assert answer.exit_code == 3 and "extra 'mutate'" in answer.output
-
-
-def test_the_command_lists() -> None:
-    answer = CliRunner().invoke(app, ["spec", "mutate", "--list", "--limit", "5"])
-    assert answer.exit_code == 0 and "5 mutants: " in answer.output
-    answer = CliRunner().invoke(
-        app, ["spec", "mutate", "--list", "--only", "Heeded", "--json", "-"]
-    )
-    assert {row["id"].split(".")[1] for row in json.loads(answer.output)} == {"Heeded"}
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -127,36 +101,3 @@ def test_the_command_lists() -> None:
 def test_the_command_refuses(monkeypatch: pytest.MonkeyPatch, options: list[str]) -> None:
     monkeypatch.setattr(models, "load", lambda: [tiny()])
     assert CliRunner().invoke(app, ["spec", "mutate", *options]).exit_code == 2
-
-
-def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """S-1 kills each mutant but the last, of which only the graph differs."""
-    monkeypatch.setattr(mutants, "generate", generated)
-    wanted = mutants.sample(generated(), 3)
-    kill = mutant_runs.Kill("one_by_two", "property", "S-1")
-    graph = mutant_runs.Kill("the oracle", "graph", "tight differs")
-
-    def pretended(found: list[Mutant], *_: Any, **options: Any) -> mutant_runs.MutationReport:
-        outcomes = [
-            mutant_runs.MutantOutcome(m, (kill if m != found[-1] else graph,)) for m in found
-        ]
-        return mutant_runs.MutationReport(options["profile"], len(found), outcomes)
-
-    monkeypatch.setattr(mutant_runs, "run", pretended)
-    monkeypatch.setattr(models, "load", lambda: [tiny()])
-    monkeypatch.setattr(mutant_results, "reasons", dict)
-    run = partial(CliRunner().invoke, app)
-    answer = run(["spec", "mutate", "--limit", "3"])
-    assert answer.exit_code == 1, answer.output
-    assert "S-1 2" in answer.output and f"Survived    {wanted[-1].id}" in answer.output
-    assert f"Problem     no property kills {wanted[-1].id}" in answer.output
-    answer = run(["spec", "mutate", "--limit", "3", "--json", "-"])
-    found = json.loads(answer.output)
-    assert found["properties"]["S-1"] == 2 and found["kinds"]["all"]["property"] == 2
-    path = tmp_path / "results.json"
-    write = mutant_results.write
-    monkeypatch.setattr(mutant_results, "write", lambda rows: write(rows, path))
-    assert run(["spec", "mutate", "--write", "--profile", "deep", "--limit", "3"]).exit_code == 1
-    results = mutant_results.load(path)
-    assert not results.stale and "a property kills 2 (66.7%)" in results.summary
-    assert f"- `{wanted[-1].id}` (line {wanted[-1].line}, graph)" in mutant_results.page(results)
