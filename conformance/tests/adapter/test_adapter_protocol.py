@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -134,6 +135,7 @@ NO_ANSWERS: list[tuple[Any, str]] = [
     ([], "an answer must be an object, not a list"),
     (None, "must be an object, not null"),
     (without(ANSWER, "messages"), 'the field "messages" is missing'),
+    (without(ANSWER, "indications"), 'the field "indications" is missing'),
     (without(ANSWER, "deadline"), 'the field "deadline" is missing; write null'),
     (without(ANSWER, "messages") | {"message": []}, 'field "message": did you mean "messages"?'),
     ({**ANSWER, "colour": 1}, 'unknown field "colour"'),
@@ -148,6 +150,8 @@ NO_ANSWERS: list[tuple[Any, str]] = [
     ({**ANSWER, "messages": [{"type": "fin"}]}, 'type "fin": did you mean "Fin"?'),
     ({**ANSWER, "messages": [{"type": ["Fin"]}]}, 'messages[0]: unknown message type ["Fin"]'),
     ({**ANSWER, "messages": [CAM]}, "belongs in 'cams'"),
+    ({**ANSWER, "cams": 0}, "cams must be a list, not an integer"),
+    ({**ANSWER, "cams": [7]}, "cams[0] must be an object, not an integer"),
     ({**ANSWER, "cams": [{"type": "CAM"}]}, "cams[0]: a CAM needs the type"),
     ({**ANSWER, "indications": ["refused"]}, "indications[0] must be an object, not a string"),
     ({**ANSWER, "indications": [{}]}, "indications[0]: an indication needs a 'name'"),
@@ -186,6 +190,7 @@ NOT_JSON: list[tuple[bytes, str]] = [
     (b'{"deadline": 1110.0}', "1110.0 is not an integer: write 1, not 1.0"),
     (b'{"messages": [{"type": "Fin", "x": [{"y": 1e3}]}]}', "1e3 is not an integer"),
     (b'{"deadline": NaN}', "NaN is not an integer"),
+    (b'{"messages": ["\\ud800"]}', "not JSON"),
     (b"[" * 100_000, "not JSON"),
     (b'{"deadline": ' + b"9" * 9_000 + b"}", "not JSON"),
 ]
@@ -210,26 +215,19 @@ def test_the_kit_cannot_write_just_anything() -> None:
             COMMAND.validate_python(command)
 
 
-@pytest.mark.parametrize(("value", "why"), NO_ANSWERS)
-def test_what_is_no_answer(value: Any, why: str) -> None:
+@pytest.mark.parametrize(
+    ("read", "raw", "why"),
+    [
+        *((read_answer, line(value), why) for value, why in NO_ANSWERS),
+        *((read_hello, line(value), why) for value, why in NO_HELLOS),
+        *((read_answer, raw, why) for raw, why in NOT_JSON),
+    ],
+)
+def test_what_is_no_answer(read: Callable[[bytes], object], raw: bytes, why: str) -> None:
     with pytest.raises(ProtocolError) as caught:
-        read_answer(line(value))
+        read(raw)
     assert why in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("value", "why"), NO_HELLOS)
-def test_what_is_no_answer_to_hello(value: Any, why: str) -> None:
-    with pytest.raises(ProtocolError) as caught:
-        read_hello(line(value))
-    assert why in str(caught.value)
-
-
-@pytest.mark.parametrize(("raw", "why"), NOT_JSON)
-def test_what_is_not_even_json(raw: bytes, why: str) -> None:
-    with pytest.raises(ProtocolError) as caught:
-        read_answer(raw)
-    assert why in str(caught.value)
 
 
 def test_an_error_is_an_answer_of_its_own() -> None:

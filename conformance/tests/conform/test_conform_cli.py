@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,7 @@ from cli_stage import automcm
 from junitparser import JUnitXml
 
 from automcm.adapters.adapter_lines import HELLO
-from automcm_conformance.exchange.results import CaseResult, Implementation, Report, Verdict
 from automcm_conformance.report import report
-from automcm_conformance.suite import suite_run
 from automcm_traces.explain.explain import verdicts_of
 
 Json = Any
@@ -222,20 +220,6 @@ def test_a_bad_file_of_expectations_is_3(tmp_path: Path, text: str | None) -> No
     done = conform(tmp_path / "r", CASE, "--expect", str(file))
     assert done.code == 3 and "known.toml" in done.out.replace("\n", "")
     assert not (tmp_path / "r").exists()
-
-
-def test_the_exit_code_is_that_of_the_report(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    verdicts: list[Verdict] = ["PASS", "INCONC"]
-    cases = [
-        CaseResult(f"AMCM/STA/END/BI-0{n}", verdict, ["END-5"], "MUST", *["text"] * 5)
-        for n, verdict in enumerate(verdicts, 1)
-    ]
-    who = Implementation("x", "1", "", [], ["lane_change"], {}, REFERENCE)
-    made = Report(who, cases, {"rules": [1, 1]}, {}, "0" * 64, 1, [])
-    monkeypatch.setattr(suite_run, "conform", lambda *_, **__: replace(made))
-    assert conform(tmp_path, CASE).code == made.exit_code == 4
 
 
 # -- list

@@ -30,11 +30,6 @@ def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
         assert not line or name in text.splitlines()[int(line) - 1], link
 
 
-def test_a_cell_names_the_first_and_the_number_of_others() -> None:
-    (row,) = [line for line in citations.table(ROOT).splitlines() if line.startswith("| KIN-3 |")]
-    assert "| [`collide`](../conformance/vectors/collide.json#L3) +1 |" in row and "|  |" in row
-
-
 STEPS = {"ADV-1", "ADV-2", "PRE-1", "PRE-3", "NEG-8"}
 """A step of the session, not a protection: ``station_properties`` must reach it."""
 NO_EFFECT = {"CMD-1", "MSG-1"}

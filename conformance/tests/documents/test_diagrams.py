@@ -58,13 +58,6 @@ def test_a_way_missing_from_either_is_named(way: Way, edges: set[Edge]) -> None:
         state_diagrams.check(WAYS, {edge for edge in edges if edge.way != way})
 
 
-def test_a_page_whose_declaration_names_a_wrong_rule_is_not_drawn(one_peer: Oracle) -> None:
-    right: Way = ("prescriber", "STANDALONE", "ADVERTISING", "ADV-1")
-    wrong: Way = (*right[:3], "ADV-3")
-    with pytest.raises(ValueError, match=r"only declared: .* by ADV-3; only in the graph: .*ADV-1"):
-        state_diagrams.text(one_peer, [wrong if way == right else way for way in WAYS])
-
-
 def test_the_tables_of_the_protocol_name_every_step_and_its_rules(drawn: set[Edge]) -> None:
     told: set[tuple[str, str, str, str]] = set()
     for role in state_diagrams.ROLES:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
-
-import pytest
-from cli_stage import automcm
 
 from automcm_maintenance.documents import counterexample_pages, generated_files, models_page
 from automcm_spec.model_checking import models
@@ -41,23 +37,3 @@ def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     [page] = counterexample_pages.committed([*wanted, *HOLD, *ALONE], tmp_path / "new")
     assert page == tmp_path / "new" / "bare_ack.html"
     assert "<title>bare_ack, counterexample found by TLC" in page.read_text()
-
-
-def test_a_counterexample_that_is_not_there_is_named(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(counterexample_pages, "COUNTEREXAMPLES", tmp_path)
-    done = automcm("spec", "pages", "--out", tmp_path / "new")
-    assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output
-
-
-@pytest.mark.slow
-def test_a_counterexample_that_should_not_be_is_a_page(tmp_path: Path) -> None:
-    (model,) = [m for m in models.load() if m.cfg == "ack_from_anybody"]
-    found = models.check(model)
-    assert found.trace and counterexample_pages.failed([found], tmp_path) == []  # it must fail
-    wrong = replace(found, problem="it should hold")
-    assert not wrong.ok
-    (page,) = counterexample_pages.failed([wrong], tmp_path)
-    assert page == tmp_path / "ack_from_anybody.html"
-    assert b"ack_from_anybody, counterexample found by TLC" in page.read_bytes()

@@ -133,24 +133,6 @@ def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
 
 
 @pytest.mark.parametrize(
-    "part",
-    [
-        '"messages":0,"indications":[]',
-        '"messages":[],"indications":"x"',
-        '"messages":[],"indications":[{}]',
-        '"messages":[],"indications":[],"cams":[7]',
-        '"messages":[],"indications":[],"cams":0',
-        '"messages":["\\ud800"],"indications":[]',
-    ],
-)
-def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
-    expected = Required(phase="WAITING", marks=[[], []])
-    line = f'{{{part},"deadline":null,"phase":"WAITING"}}'.encode()
-    with pytest.raises(ProtocolError):
-        differences(expected, line)
-
-
-@pytest.mark.parametrize(
     ("name", "wanted", "found"), [("accepted", True, 1), ("seq", 1, True), ("proposal", 1, 1.0)]
 )
 def test_no_value_of_another_type_is_taken(name: str, wanted: object, found: object) -> None:

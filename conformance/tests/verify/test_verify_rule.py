@@ -42,17 +42,6 @@ def built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, unwanted)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments",
-    [["--rule", "NEG-4"], ["--no-models", "--profile", "full", "--rule", "NEG-4"]],
-    ids=["with the models", "another profile"],
-)
-def test_it_goes_with_no_models_and_the_quick_profile(arguments: list[str]) -> None:
-    answer = automcm("verify", *arguments)
-    assert answer.exit_code == 2 and "--rule requires --no-models" in answer.output
-
-
 def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:
     answer = automcm("verify", "--no-models", "--rule", "NEG-44")
     assert answer.exit_code == 2 and all(rule in answer.output for rule in RULES)
@@ -101,15 +90,3 @@ def test_the_small_graph_misses_every_rule_that_is_taken_away() -> None:
     graph = oracle.parse(oracle.dump(built()[0]), "small")
     found = graph_comparison.covered(graph, lambda rule: verify_._without(graph.constants, rule))
     assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
-
-
-def test_a_reference_that_cannot_be_imported_is_3(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(name: str) -> None:
-        raise KeyError("PRE_6")
-
-    monkeypatch.setattr(verify_.importlib, "import_module", broken)
-    report = verify_.run(models_too=False, rule="NEG-4")
-    assert report.exit_code == 3
-    assert report.all_errors == ["the reference cannot be imported: KeyError: 'PRE_6'"]
