@@ -31,10 +31,9 @@ def test_the_fuzzer_starts_from_every_type_and_reason() -> None:
 
 @pytest.mark.parametrize(("name", "count"), [("json", 4000), ("uper", 1500)])
 def test_end_5_decoders_survive_changed_inputs(name: str, count: int) -> None:
-    outcome = decoder_fuzz.fuzz(codec(name), count, seed=7)
-    assert outcome.accepted + outcome.refused == count
-    assert outcome.accepted > count // 50 and outcome.refused > count // 2
-    assert decoder_fuzz.fuzz(codec(name), count, seed=7) == outcome
+    accepted = decoder_fuzz.fuzz(codec(name), count, seed=7)
+    assert count // 50 < accepted < count // 2
+    assert decoder_fuzz.fuzz(codec(name), count, seed=7) == accepted
 
 
 class Broken:
