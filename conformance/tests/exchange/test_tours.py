@@ -166,7 +166,7 @@ def two() -> Oracle:
 @pytest.mark.slow
 def test_each_two_peer_pair_is_offered(two: Oracle) -> None:
     written = json.loads(two_peer_pairs.PATH.read_bytes())["pairs"]
-    kept = REAL_READ(two)
+    kept = two_peer_pairs.read(two)
     assert len(kept) == sum(map(len, written.values())) > 10_000
     assert len({(a.state, a.input) for a in kept}) == len(kept)
 
@@ -177,14 +177,14 @@ def test_two_peer_pairs_of_another_specification(two: Oracle, tmp_path: Path) ->
     file.write_text(two_peer_pairs.PATH.read_text().replace(two.spec_hash, "0" * 64))
     for path in (file, tmp_path / "none.json"):
         with pytest.raises(oracle_.OracleError, match=path.name):
-            REAL_READ(two, path)
+            two_peer_pairs.read(two, path)
 
 
 @pytest.mark.slow
 def test_the_two_peer_pairs_have_no_image(two: Oracle) -> None:
     """A sample: no pair of the file has an image, and of pairs that are alike the first decides."""
     one, dice = graph(ONE_PEER.path), random.Random(1)
-    kept = REAL_READ(two)
+    kept = two_peer_pairs.read(two)
     assert not any(two_peer_pairs._has_image(two, one, answer) for answer in dice.sample(kept, 300))
     alike = {key(two, answer) for answer in kept}
     seen = Counter[bool]()
@@ -223,6 +223,3 @@ def mirror(two: Oracle, answer: oracle_.OracleAnswer) -> oracle_.OracleAnswer:
     state = renumbering.state(two.states[answer.state], two_peer_pairs._swap)
     i = renumbering.input_of(two.inputs[answer.input], two_peer_pairs._swap)
     return two.ask(state, i)
-
-
-REAL_READ = two_peer_pairs.read

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import lzma
 import re
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -57,6 +59,22 @@ def test_the_summary_and_the_claims_in_the_file_are_of_its_cells(name: str) -> N
     packed = plain.with_name(plain.name + report.COMPRESSED)
     data = plain.read_bytes() if plain.exists() else lzma.decompress(packed.read_bytes())
     assert json.loads(data) == results(name)
+
+
+def test_short_runs_in_which_nobody_comes_near_have_a_page(tmp_path: Path) -> None:
+    for name in NAMES:
+        (tmp_path / name).mkdir()
+        if name != "traffic":
+            (tmp_path / name / report.RESULTS).symlink_to(FOLDER / name / report.RESULTS)
+    made = copy.deepcopy(results("traffic"))
+    road = [c for c in made["cells"] if c["values"]["part"] == "road"]
+    for cell in road:
+        cell["result"] |= {"least_ttc_s": None, "vehicle_s": 1.0}
+    first = [c for c in road if c["values"]["seed"] == 1 and c["values"]["per_km"] == 50]
+    made["cells"] = [c for c in made["cells"] if c["values"]["part"] != "road"] + first
+    (tmp_path / "traffic" / report.RESULTS).write_text(json.dumps(made))
+    text = report.evaluation(tmp_path)
+    assert "runs with stations (" in text and "the least" not in text.split("- Distances.")[1]
 
 
 @pytest.mark.slow

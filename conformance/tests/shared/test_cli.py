@@ -227,6 +227,13 @@ def test_a_model_that_tells_a_change_covers_it(monkeypatch: pytest.MonkeyPatch) 
     assert "NOT as expected" in model_output.shown(other, True)
 
 
+def test_without_a_recorded_graph_nothing_is_said_of_a_change(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(oracle_generation.Graph, "path", tmp_path / "none.json.xz")
+    assert oracle_generation.recorded_hash() is None and not model_output.specification_changed()
+
+
 def test_spec_check_that_cannot_run_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AUTOMCM_TLA2TOOLS", "/nowhere.jar")
     answer = automcm("spec", "check", "one_by_two")

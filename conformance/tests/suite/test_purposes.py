@@ -110,6 +110,13 @@ def test_memory_gives_what_the_selectors_give() -> None:
             assert [memory.owner(*pair)] == owners(features(*pair, False))
 
 
+def test_no_owner() -> None:
+    one = graph(ONE_PEER.path)
+    answer = next(one.answers(0))
+    pair = one.states[0], one.inputs[answer.input], answer.effect, answer.changes
+    assert Owners([]).owner(*pair) is None
+
+
 def test_the_role_of_an_id_is_that_of_the_states() -> None:
     roles = {"PRE": {"prescriber"}, "RCV": {"receiver"}}
     for row in pairs():
@@ -239,3 +246,23 @@ def test_a_bad_file(tmp_path: Path, field: str, value: str | None, message: str)
     with pytest.raises(ValueError) as caught:
         load(path)
     assert str(caught.value).startswith("bad.toml: ") and message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (text(BASE, BASE), "bad.toml: AMCM/RCV/NEG/BI-01: id: used twice"),
+        (
+            text(*(HOLD | {"id": f'"AMCM/RCV/NEG/BI-0{n}"'} for n in (1, 2))),
+            "bad.toml: AMCM/RCV/NEG/BI-02: case: used twice",
+        ),
+        (text(BASE) + "[other]\n", "bad.toml: must contain a list of"),
+        ("[[purpose\n", "bad.toml: not TOML: "),
+    ],
+)
+def test_a_bad_whole(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(content)
+    with pytest.raises(ValueError) as caught:
+        load(path)
+    assert str(caught.value).startswith(message)

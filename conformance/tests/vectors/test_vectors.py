@@ -122,6 +122,14 @@ def test_a_bad_file_says_where(tmp_path: Path, change: Callable[[Any], object], 
     assert says in str(error.value) and str(error.value).startswith("success.json: ")
 
 
+def test_other_bad_files(tmp_path: Path) -> None:
+    success = (VECTORS / "success.json").read_text()
+    for content, says in (("{", "not JSON"), (success, "kernel: expected thin, not success")):
+        (tmp_path / "thin.json").write_text(content)
+        with pytest.raises(vectors.VectorError, match=rf"thin\.json: {says}"):
+            vectors.load(tmp_path / "thin.json")
+
+
 # -- comparison
 
 

@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 
 from automcm_maintenance.corpus.corpus import COVERAGE, CorpusEntry, index, index_text
-from automcm_maintenance.corpus.corpus_bad import EditedLog as Records
-from automcm_maintenance.corpus.corpus_bad import bases_among
 from automcm_maintenance.corpus.corpus_walks import transition
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import read
@@ -158,10 +156,3 @@ def given(event: dict[str, Any], sent: dict[Any, tuple[int, bool]]) -> Input:
     k, accepted = sent[(m["type"], m.get("to", 0), *m["session"], m["seq"])]
     entry = spec.Entry(m["type"], m.get("to", 0), tuple(m["session"]), k, accepted)
     return Expire("expire", (name, entry))
-
-
-def test_a_base_is_the_shortest_log_that_holds_what_is_to_be_edited() -> None:
-    logs = [(CORPUS / entry.file).read_bytes() for entry in of("behaviours")]
-    found = bases_among(logs)
-    assert set(found) == {"busy", "abort", "closed", "restart"}
-    assert Records(found["busy"]).find("send", reason="busy")
