@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from automcm.kernels.collide import closest_approach, closest_approach_pairs
+from automcm.kernels.collide import closest_approach
 from automcm_maintenance.benches import bench_commands, kernels_bench
 
 
@@ -18,12 +17,8 @@ def test_each_bench_runs_and_has_a_baseline(subject: str) -> None:
     assert own and all(run.ratio(row) or row.beside == row.name for row in own), names
 
 
-def test_the_kernels_and_their_baselines_compute_the_same() -> None:
+def test_a_kernel_and_its_baseline_compute_the_same() -> None:
     a, b = kernels_bench.road(40), kernels_bench.road(40, -20.0, 3.5, 9.0)
     found = closest_approach(a, b)
     assert found is not None
     assert kernels_bench.cheapest(a, b) == pytest.approx(found.distance)
-    t, one, other = kernels_bench.traffic(40, 30)
-    many = closest_approach_pairs(t, one, other)
-    assert kernels_bench.dense(one, other) == pytest.approx(many.distance, abs=1e-9)
-    assert (np.diff(t) > 0).all()

@@ -1,7 +1,6 @@
-"""The cost of the trajectory kernels, each beside another way to compute the same.
+"""The cost of the trajectory kernels.
 
-Baselines are a loop over the points, the cheapest formulation in numpy without checks, and shapely,
-whose areas are only compared at time steps.
+Baselines are a loop over the points, and the cheapest formulation of KIN-3 in numpy without checks.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import math
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ from automcm.kernels.collide import (
     closest_approach_pairs,
     collision,
 )
-from automcm.kernels.convert import closest_points, convert
+from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
 from automcm.kernels.extents import Extent, clearance
 from automcm.kernels.prescribe import prescribe
@@ -31,10 +29,8 @@ from automcm.kernels.verify import Limits, verify
 from automcm_maintenance.benches.plugin import Timed, beside
 
 POINTS = (50, 500, 1000, 10_000)
-PAIRS = ((50, 256), (50, 4096), (500, 256), (500, 4096))
-"""Points and pairs of the batched kernels."""
-SOME = 16
-"""Pairs for a baseline whose cost per pair is constant."""
+PAIRS = 256
+"""Pairs of the batched kernels."""
 PLACES = 100
 """Places that are projected onto a road's line at a time."""
 THRESHOLD = 4.0
@@ -43,7 +39,7 @@ SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
 HERE, HOLD, GAIN = (1.0, 1.0), 1.0, 5.0
 points = pytest.mark.parametrize("n", POINTS)
-pairs = pytest.mark.parametrize(("n", "pairs"), PAIRS)
+few_points = pytest.mark.parametrize("n", (50, 500))
 
 
 def road(n: int, ahead: float = 0.0, aside: float = 0.0, speed: float = SPEED) -> Trajectory:
@@ -51,18 +47,6 @@ def road(n: int, ahead: float = 0.0, aside: float = 0.0, speed: float = SPEED) -
     x = np.arange(0.0, 5 * n, 5)
     xy = np.stack([x + ahead, aside + 3 * np.sin(x / 60)], axis=1)
     return Trajectory(x / speed, xy)
-
-
-def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
-    """Times (n,), and positions (pairs, n, 2) of cars in two lanes at 20 to 50 km/h."""
-    rng = np.random.default_rng(0)
-    t = np.arange(0.0, n) * 0.6
-    sides = []
-    for aside in (0.0, 3.5):
-        start, speed = rng.uniform(-50, 50, (pairs, 1)), rng.uniform(5.5, 14, (pairs, 1))
-        phase = rng.uniform(0, 6, (pairs, 1))
-        sides.append(np.stack([start + speed * t, aside + np.sin(t / 9 + phase)], axis=2))
-    return t, sides[0], sides[1]
 
 
 def noisy(n: int) -> Trajectory:
@@ -80,6 +64,13 @@ def cars(n: int) -> list[Candidate]:
 def two(n: int) -> tuple[Trajectory, Trajectory]:
     """A vehicle and a faster one behind it in the next lane."""
     return road(n), road(n, ahead=-20.0, aside=3.5, speed=SPEED * 1.07)
+
+
+def traffic(n: int) -> tuple[Floats, Floats, Floats]:
+    """Times (n,), and positions (PAIRS, n, 2) of vehicles in two lanes."""
+    one, other = two(n)
+    apart = np.random.default_rng(0).uniform(-50, 50, (2, PAIRS, 1, 1)) * [1.0, 0.0]
+    return one.t, one.xy + apart[0], other.xy + apart[1]
 
 
 # -- kernels of one vehicle
@@ -130,17 +121,9 @@ def bench_verify(n: int, timed: Timed) -> None:
 
 
 @points
-def bench_nearest(n: int, timed: Timed) -> None:
-    """The nearest points of a line, without distances along it; µs a place, as below."""
-    line = RoadLine(road(n).xy)
-    places = line.place(np.linspace(0, line.length, PLACES), 2.0)
-    timed(partial(closest_points, line.xy, places), per=PLACES)
-
-
-@points
-@beside("nearest", 2)
+@beside("loop", 1)
 def bench_project(n: int, timed: Timed) -> None:
-    """Places on a road's line."""
+    """Places on a road's line; µs a place."""
     line = RoadLine(road(n).xy)
     timed(partial(line.project, line.place(np.linspace(0, line.length, PLACES), 2.0)), per=PLACES)
 
@@ -169,56 +152,29 @@ def bench_collision(n: int, timed: Timed) -> None:
 
 
 @points
-@pytest.mark.parametrize("first", [CAR, LORRY], ids=["car", "lorry"])
-def bench_shapely_areas(n: int, first: Extent, timed: Timed) -> None:
-    """The distance of two rectangles at each step only."""
-    shapely = pytest.importorskip("shapely")
-    one, other = (areas(shapely, way.xy, of) for way, of in zip(two(n), (first, CAR), strict=True))
-    timed(lambda: shapely.distance(one, other).min())
-
-
-@points
-@pytest.mark.parametrize("first", [CAR, LORRY], ids=["car", "lorry"])
-@beside("shapely_areas", 6)
-def bench_clearance(n: int, first: Extent, timed: Timed) -> None:
+@beside("cheapest", 10)
+def bench_clearance(n: int, timed: Timed) -> None:
     """Of discs along two vehicles."""
-    timed(partial(clearance, *two(n), first, CAR, 0.5))
+    timed(partial(clearance, *two(n), LORRY, CAR, 0.5))
 
 
-@pairs
-def bench_dense(n: int, pairs: int, timed: Timed) -> None:
-    """An equation for every interval of every pair; µs a pair, as below."""
-    _, a, b = traffic(n, pairs)
-    timed(partial(dense, a, b), per=pairs)
+@few_points
+@beside("cheapest", 0.5)
+def bench_pairs(n: int, timed: Timed) -> None:
+    """KIN-3 for many pairs at equal times; µs a pair, as below."""
+    timed(partial(closest_approach_pairs, *traffic(n)), per=PAIRS)
 
 
-@pairs
-@beside("dense", 2)
-def bench_pairs(n: int, pairs: int, timed: Timed) -> None:
-    """KIN-3 for many pairs at equal times."""
-    timed(partial(closest_approach_pairs, *traffic(n, pairs)), per=pairs)
-
-
-@pairs
-def bench_cheapest_of_some(n: int, pairs: int, timed: Timed) -> None:
-    """One after the other, without checks."""
-    t, a, b = traffic(n, SOME)
-    ego, others = Trajectory(t, a[0]), [Trajectory(t, xy) for xy in b]
-    timed(lambda: [cheapest(ego, each) for each in others], per=SOME)
-
-
-@pairs
-@beside("cheapest_of_some", 2)
-def bench_many(n: int, pairs: int, timed: Timed) -> None:
+@few_points
+@beside("cheapest", 2)
+def bench_many(n: int, timed: Timed) -> None:
     """KIN-3 of one vehicle and many others."""
-    if pairs > 256:
-        pytest.skip("takes too long")
-    t, a, b = traffic(n, pairs)
+    t, a, b = traffic(n)
     others = [Trajectory(t + 0.01 * k, xy) for k, xy in enumerate(b)]
-    timed(partial(closest_approach_many, Trajectory(t, a[0]), others), per=pairs)
+    timed(partial(closest_approach_many, Trajectory(t, a[0]), others), per=PAIRS)
 
 
-# -- baselines
+# -- the baseline of KIN-3
 
 
 def cheapest(a: Trajectory, b: Trajectory) -> float:
@@ -229,28 +185,6 @@ def cheapest(a: Trajectory, b: Trajectory) -> float:
     t = t[t.searchsorted(start) : t.searchsorted(end, side="right")]
     x = np.interp(t, a.t, a.xy[:, 0]) - np.interp(t, b.t, b.xy[:, 0])
     y = np.interp(t, a.t, a.xy[:, 1]) - np.interp(t, b.t, b.xy[:, 1])
-    return math.sqrt(_dense_squares(x, y).min())
-
-
-def _dense_squares(x: Floats, y: Floats) -> Floats:
-    x0, y0 = x[..., :-1], y[..., :-1]
-    wx, wy = x[..., 1:] - x0, y[..., 1:] - y0
-    s = np.clip(-(x0 * wx + y0 * wy) / (wx * wx + wy * wy + 1e-300), 0, 1)
-    squares: Floats = (x0 + s * wx) ** 2 + (y0 + s * wy) ** 2
-    return squares
-
-
-def dense(a: Floats, b: Floats) -> Floats:
-    """The equation for every interval of every pair, vectorized."""
-    d = a - b
-    least: Floats = np.sqrt(_dense_squares(d[..., 0], d[..., 1]).min(axis=1))
-    return least
-
-
-def areas(shapely: Any, way: Floats, size: Extent) -> Any:
-    """A vehicle's rectangle at each step."""
-    ahead = np.exp(1j * np.arctan2(*np.gradient(way, axis=0).T[::-1]))[:, None]
-    corners = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
-    corners = corners.real * size.length / 2 + 1j * corners.imag * size.width / 2
-    places = (way[:, 0] + 1j * way[:, 1])[:, None] + ahead * corners
-    return shapely.polygons(np.stack([places.real, places.imag], axis=2))
+    x0, y0, wx, wy = x[:-1], y[:-1], np.diff(x), np.diff(y)
+    share = np.clip(-(x0 * wx + y0 * wy) / (wx * wx + wy * wy + 1e-300), 0, 1)
+    return math.sqrt(((x0 + share * wx) ** 2 + (y0 + share * wy) ** 2).min())
