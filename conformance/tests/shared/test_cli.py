@@ -85,7 +85,7 @@ def good_report() -> verify_.VerifyReport:
     model = models.load()[0]
     result = TlcResult("holds", None, 10, 20, 3, 0.1)
     return verify_.VerifyReport(
-        "quick",
+        profile="quick",
         verdicts=[models.ModelVerdict(model, "holds", None, result, None)],
         oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
         compared={"one-peer": WalkResult(states=1, inputs=5)},

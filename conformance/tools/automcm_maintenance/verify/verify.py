@@ -49,8 +49,30 @@ class NotLoaded(Exception):
     """The reference cannot be imported; the text gives the reason."""
 
 
-@dataclass
-class VerifyReport:
+@dataclass(kw_only=True)
+class Comparisons:
+    """The results of the comparisons."""
+
+    compared: dict[str, graph_comparison.WalkResult] = field(default_factory=dict)
+    compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
+    """The comparison of the compiled station with TLC's graphs; not with ``rule``."""
+    coverage: graph_comparison.Coverage | None = None
+    """Also None if the reference differs, because then every disabled rule shows a difference."""
+    behaviours: int = 0
+    behaviour_differences: list[str] = field(default_factory=list)
+    drift: list[str] = field(default_factory=list)
+
+    @property
+    def clean(self) -> bool:
+        """Whether everything is as expected."""
+        differ = any(c.divergences for c in self.compared.values())
+        differ = differ or any(a.differences for a in self.compiled.values())
+        rules = self.coverage is not None and not self.coverage.uncovered
+        return rules and not (differ or self.behaviour_differences or self.drift)
+
+
+@dataclass(kw_only=True)
+class VerifyReport(Comparisons):
     """The results of ``automcm verify``.  ``errors`` are failures of tools and inputs."""
 
     profile: str
@@ -63,14 +85,6 @@ class VerifyReport:
     """The models that the quick profile leaves to *full*."""
     proof: recorded_proof.Proof | None = None
     oracle: dict[str, Any] = field(default_factory=dict)
-    compared: dict[str, graph_comparison.WalkResult] = field(default_factory=dict)
-    compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
-    """The comparison of the compiled station with TLC's graphs; not with ``rule``."""
-    coverage: graph_comparison.Coverage | None = None
-    """Also None if the reference differs, because then every disabled rule shows a difference."""
-    behaviours: int = 0
-    behaviour_differences: list[str] = field(default_factory=list)
-    drift: list[str] = field(default_factory=list)
     pages: list[str] = field(default_factory=list)
     """Unexpected counterexamples, each as a page (docs/trace-format.md)."""
     unnoticed: bool = False
@@ -134,17 +148,13 @@ class VerifyReport:
     def ok(self) -> bool:
         """Whether all results are as expected."""
         return (
-            not self.errors
-            and not self.drift
+            self.clean
+            and not self.errors
             and (bool(self.verdicts) or not self.models_too)
             and all(verdict.ok for verdict in self.verdicts)
             and not (self.proof and self.proof.open)
             and bool(self.compared)
-            and not self.divergences
             and (bool(self.compiled) or self.rule is not None)
-            and not any(a.differences for a in self.compiled.values())
-            and self.coverage is not None
-            and not self.coverage.uncovered
             and not self.undecided
         )
 
@@ -257,7 +267,7 @@ def run(
     """
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
-    report = VerifyReport(profile, models_too, rule, fresh=fresh)
+    report = VerifyReport(profile=profile, models_too=models_too, rule=rule, fresh=fresh)
     started = time.monotonic()
     if rule is not None:
         with _errors(report):
@@ -462,26 +472,6 @@ def _pool(processes: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(processes, initializer=children.end_with_parent)
 
 
-@dataclass
-class _Compared:
-    """The result of the stage of comparisons, as in ``VerifyReport``."""
-
-    compared: dict[str, graph_comparison.WalkResult]
-    compiled: dict[str, oracle_agreement.Agreement]
-    coverage: graph_comparison.Coverage | None
-    behaviours: int
-    behaviour_differences: list[str]
-    drift: list[str]
-
-    @property
-    def clean(self) -> bool:
-        """Whether everything is as expected."""
-        differences = [c.differences for c in self.compared.values()]
-        differences += [a.differences for a in self.compiled.values()]
-        rules = self.coverage is not None and not self.coverage.uncovered
-        return rules and not (any(differences) or self.behaviour_differences or self.drift)
-
-
 def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
     with _timed(report, "comparison"):
         found = _kept(
@@ -491,18 +481,14 @@ def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None
             lambda: _comparisons(report, one_peer, notify),
             lambda found: found.clean,
         )
-    report.compared, report.compiled, report.coverage = (
-        found.compared,
-        found.compiled,
-        found.coverage,
-    )
-    report.behaviours, report.behaviour_differences = found.behaviours, found.behaviour_differences
-    report.drift += found.drift
+    vars(report).update(vars(found) | {"drift": report.drift + found.drift})
 
 
-def _comparisons(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> _Compared:
+def _comparisons(
+    report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]
+) -> Comparisons:
     _load_reference()
-    drift = []
+    found = Comparisons()
     with _pool(2) as pool:
         notify("comparison: every state, every input")
         data = {oracle_generation.ONE_PEER.name: one_peer}
@@ -510,7 +496,7 @@ def _comparisons(report: VerifyReport, one_peer: bytes, notify: Callable[[str], 
             try:
                 data[graph.name] = _committed(graph)
             except oracle.OracleError as error:
-                drift.append(generated_files.error_text(error))
+                found.drift.append(generated_files.error_text(error))
         # The largest first, because it takes half of the time.
         ordered = sorted(data, key=lambda name: -len(data[name]))
         begun = {name: pool.submit(_walk, data[name]) for name in ordered}
@@ -520,9 +506,10 @@ def _comparisons(report: VerifyReport, one_peer: bytes, notify: Callable[[str], 
         }
         covered = pool.submit(_cover, one_peer, RULES)
         behaved = pool.submit(_behave)
-        compared = {name: begun[name].result() for name in data}
-        compiled = {name: agreed[name].result() for name in agreed}
+        found.compared = {name: begun[name].result() for name in data}
+        found.compiled = {name: agreed[name].result() for name in agreed}
         notify("comparison: every rule taken away")
-        differs = compared[oracle_generation.ONE_PEER.name].differences
-        coverage = None if differs else covered.result()
-        return _Compared(compared, compiled, coverage, *behaved.result(), drift)
+        if not found.compared[oracle_generation.ONE_PEER.name].differences:
+            found.coverage = covered.result()
+        found.behaviours, found.behaviour_differences = behaved.result()
+    return found
