@@ -19,25 +19,24 @@ import multiprocessing
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
 from unittest import mock
 
 import hypothesis
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis.internal.conjecture.providers import HypothesisProvider
 from hypothesis.stateful import run_state_machine_as_test
-from stateful_machine import NAMES, UPTO, Coordination
-from stateful_oracle import LEASES, Broken, Coverage
+from stateful_machine import Coordination
+from stateful_oracle import Coverage
 from stateful_surroundings import Call
 
 
-def profile(examples: int, steps: int, *, steered: bool = False) -> settings:
+def profile(examples: int, steps: int, *, steered: bool = False, shrink: bool = False) -> settings:
     """``steered``: half of the machines climb towards what ``teardown`` names as targets.
 
     Nothing depends on the wall clock: no deadline, and ``too_slow`` is suppressed because it
-    would fail on a busy computer.  Shrinking is left to ``shortened``.
+    would fail on a busy computer.
     """
-    phases = [Phase.generate, Phase.target] if steered else [Phase.generate]
+    phases = [Phase.generate, *[Phase.target] * steered, *[Phase.shrink] * shrink]
     return settings(
         max_examples=examples,
         stateful_step_count=steps,
@@ -62,70 +61,6 @@ def run(machine: type[Coordination], profile: settings, seed: int) -> Coverage:
     return machine.coverage
 
 
-def repeated(machine: type[Coordination], calls: Sequence[Call]) -> str:
-    """Do the same again, without hypothesis.  Returns what broke, "" for nothing, and "?" if a
-    step cannot be taken."""
-    again = machine()
-    try:
-        for name, drawn in calls:
-            getattr(again, name)(**drawn)
-    except Broken as error:
-        return error.what
-    except (ZeroDivisionError, KeyError):
-        return "?"
-    return ""
-
-
-def shortened(machine: type[Coordination], calls: Sequence[Call], what: str) -> list[Call]:
-    """The exchange without the steps that are not needed for ``what`` to break.
-
-    Hypothesis leaves some: what is drawn for one step decides how the next is read.
-    """
-    kept = list(calls)
-
-    def fails(candidate: list[Call]) -> bool:
-        nonlocal kept
-        if candidate == kept or repeated(machine, candidate) != what:
-            return False
-        kept = candidate
-        return True
-
-    before: list[Call] = []
-    while kept != before:
-        before = kept
-        for size in (8, 4, 2, 1):
-            at = len(kept) - size
-            while at > 0:  # the first call sets up
-                fails(kept[:at] + kept[at + size :])
-                at = min(at, len(kept)) - size
-        for at, (name, drawn) in enumerate(kept):
-            for argument, value in drawn.items():
-                for simpler in SIMPLER.get(argument, (type(value)(),)):
-                    now = kept[at][1]
-                    if now[argument] == simpler:
-                        break
-                    if fails([*kept[:at], (name, {**now, argument: simpler}), *kept[at + 1 :]]):
-                        break
-    return kept
-
-
-SIMPLER: dict[str, tuple[Any, ...]] = {
-    "lease": LEASES,
-    "upto": UPTO,
-    "name": NAMES,
-    "ms": (1, 200),
-    "deadlines": (1, 2, 3),
-    "rounds": tuple(range(1, 9)),
-    "stations": tuple(range(2, 13)),
-    "participants": (12, 1, 2, 3, 5, 7),
-    "spare": (20, 0, 1, 2, 3),
-    "memory": (12, 1, 2, 3),
-    "times": (1, 2),
-    "what": tuple(range(9)),
-}
-"""Values to try, simplest first; elsewhere 0, False or nothing."""
-
-
 def told(calls: Sequence[Call]) -> str:
     """An exchange, as a program."""
     lines = [f"m.{name}({', '.join(f'{k}={v!r}' for k, v in d.items())})" for name, d in calls]
@@ -137,11 +72,9 @@ def told(calls: Sequence[Call]) -> str:
 
 def batch(seed: int) -> tuple[int, Coverage, str]:
     """Some thousand steps.  Returns their coverage and the failures."""
+    steps, steered = 50 + 50 * (seed % 2), seed % 4 == 3
     try:
-        run(Coordination, profile(100, 50 + 50 * (seed % 2), steered=seed % 4 == 3), seed)
-    except Broken as error:
-        calls = shortened(Coordination, Coordination.last, error.what)
-        return seed, Coordination.coverage, f"seed {seed}: {error}\n{told(calls)}"
+        run(Coordination, profile(100, steps, steered=steered, shrink=True), seed)
     except Exception as error:
         text = f"seed {seed}: {type(error).__name__}: {error}\n{told(Coordination.last)}"
         return seed, Coordination.coverage, text

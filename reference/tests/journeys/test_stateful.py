@@ -7,7 +7,7 @@ import re
 import pytest
 import stateful
 from seeded_bugs import BUGS, hunt
-from stateful import Coordination, profile, repeated, run
+from stateful import Coordination, profile, run
 from stateful_oracle import PROPERTIES, Coverage
 
 BUSY = re.compile(r"^  (?:never|false) OnForeignPrescription:\d+ Bound\(st\)$", re.MULTILINE)
@@ -36,26 +36,15 @@ def test_what_is_not_met_is_reported() -> None:
     assert BUSY.search(coverage.report())
 
 
-SLOW = ("the mark goes before the Fin is acknowledged",)
-"""Those that take more than four seconds."""
-
-
 @pytest.mark.sweep(2)
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW))
-        for b in sorted(BUGS, key=lambda b: BUGS[b].notice["steps"])
-    ],
-)
-def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
+@pytest.mark.parametrize("name", sorted(BUGS))
+def test_a_seeded_bug_is_found(name: str) -> None:
     """``python reference/tests/seeded_bugs.py`` tells what to write into seeded.toml if a change of
     the machine changes what a seed draws."""
-    notice = BUGS[name].notice
-    what, calls = hunt(BUGS[name], notice["seed"])
+    bug = BUGS[name]
+    what, calls = hunt(bug, bug.notice["seed"])
     print(stateful.told(calls))
-    assert (what, len(calls) - 1) == (notice["what"], notice["steps"])
-    assert repeated(Coordination, calls) == ""  # without the bug nothing breaks
+    assert what == bug.notice["what"]
 
 
 def test_each_property_finds_a_bug() -> None:
