@@ -96,11 +96,6 @@ def without(kernel: str, inputs: Any) -> Any:
     return CALL(kernel, inputs)
 
 
-def test_signed_messages_are_optional() -> None:
-    results = vectors.check(without, CASES.values())
-    assert all(each.ok and each.not_supported == "no keys here" for each in results)
-
-
 def test_a_kernel_is_not_optional() -> None:
     def call(kernel: str, inputs: Any) -> Any:
         raise NotImplementedError

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from cli_stage import automcm, shown
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import graph_comparison
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify.spec_mapping import Reference, without
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 
@@ -45,36 +43,6 @@ def built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:
     answer = automcm("verify", "--no-models", "--rule", "NEG-44")
     assert answer.exit_code == 2 and all(rule in answer.output for rule in RULES)
-
-
-@pytest.mark.slow
-def test_a_rule_that_the_reference_keeps() -> None:
-    answer = automcm("verify", "--no-models", "--rule", "NEG-4", "--json", "-")
-    assert answer.exit_code == 0, answer.output
-    found = json.loads(answer.output)
-    assert found["rule"] == "NEG-4" and found["reference"]["rules_covered"] == ["NEG-4"]
-    graph = oracle.parse(
-        oracle.dump(oracle_generation.build(oracle_generation.SMALL, short=True)[0]), "small"
-    )
-    assert found["reference"]["states_compared"] == len(graph.states)
-    assert found["reference"]["inputs_compared"] == graph.transitions + graph.refusals
-
-
-@pytest.mark.slow
-def test_a_rule_that_the_reference_does_not_keep(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PRE-5 differs first, but the requested rule is shown first."""
-    once, rows = without("NEG-4"), without("PRE-5")
-    both = {name: tuple(r for r in rows[name] if r in once[name]) for name in rows}
-    monkeypatch.setattr(verify_, "reference", lambda constants: Reference(constants, both))
-    report = verify_.run(models_too=False, rule="NEG-4")
-    (compared,) = report.compared.values()
-    assert report.exit_code == 1 and report.coverage is None
-    assert compared.divergences[0].rule == "PRE-5" != report.divergences[0]["rule"] == "NEG-4"
-    text = shown(report)
-    decided, differing = compared.decided["NEG-4"], compared.differing["NEG-4"]
-    assert 0 < differing <= decided < compared.inputs and compared.differing["PRE-5"]
-    assert f"decides {decided:,} of these inputs, and {differing:,} differ\n" in text
-    assert "taken away" not in text and "Left out" in text
 
 
 @pytest.mark.slow
