@@ -14,11 +14,9 @@ from automcm_stage import (
     advertisement,
     cancel,
     intention,
-    names,
     no,
     prescription,
     sent,
-    times,
     told,
     yes,
 )
@@ -38,14 +36,6 @@ def test_pre_1_choose_comes_at_2100_with_the_intentions() -> None:
     assert (choose.name, choose.session) == ("choose", OWN)
     assert choose.intentions == (intention(TARGET), intention(OTHER))
     assert s.at == ("prescriber", "CHOOSING")
-
-
-@pytest.mark.parametrize(("t_timeout", "n"), [(0, 1), (1000, 11), (2000, 21)])
-def test_t_3_a_reliable_message_is_sent_n_times(t_timeout: int, n: int) -> None:
-    s = Stage(t_timeout=t_timeout)
-    effects = s.hear(0, advertisement()) + s.run(5 * 2100)
-    assert times(effects, "Intention") == [100 * k for k in range(n)]
-    assert s.deadline("giveup") is None
 
 
 # -- order
@@ -80,15 +70,6 @@ def test_order_older_entries_before_younger_ones() -> None:
     s.run(4299)
     given_up = [e.input.timer for e in s.run(4300)]  # type: ignore[union-attr]
     assert [(t.name, t.entry.to) for t in given_up] == [("giveup", TARGET), ("giveup", OTHER)]
-
-
-def test_an_earlier_deadline_goes_first_whatever_the_order_says() -> None:
-    s = Stage()
-    s.hear(0, advertisement())
-    first, second = s.run(150) + s.station.advance(5000)[:1]
-    assert (first.now_ms, second.now_ms) == (100, 5000)
-    assert names([second.input.timer]) == ["resend"]  # type: ignore[union-attr]
-    assert s.at == ("receiver", "WAITING")
 
 
 # -- lease

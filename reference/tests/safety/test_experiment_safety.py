@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
-from automcm_evaluation.safety.faults import KINDS, Injected, drawn, inject
+from automcm_evaluation.safety.faults import Injected
 from automcm_evaluation.sweeps.sweep import canonical
 from automcm_simulation.road.hazard_measures import Watched, bound_ms
 from automcm_simulation.road.straight_lane import Straight
@@ -182,33 +181,7 @@ def test_each_ablation_is_applied_and_taken_back() -> None:
     assert simulate([], loss=0.3) == right
 
 
-def deaf_to_acks(watched: Watched) -> None:
-    """No Ack of the prescriber gets through; CAMs do."""
-    send = watched.radio._send
-
-    def some(src: int, data: bytes, to: int, tx: str) -> None:
-        if not (b'"Acceptance"' in data and b'"Ack"' in data):
-            send(src, data, to, tx)
-
-    watched.radio._send = some  # type: ignore[method-assign]
-
-
-def test_neg_9_a_commitment_outlives_its_acceptance() -> None:
-    assert lengths(simulate([], prepare=deaf_to_acks)) == []
-    abandoned = simulate([], BY_NAME["Acceptance abandoned"], prepare=deaf_to_acks)
-    ((excuse, length),) = lengths(abandoned)
-    assert excuse == "" and 1400 < length <= B
-
-
 # -- faults
-
-
-def test_faults_begin_in_their_window_and_end_later() -> None:
-    faults = drawn(KINDS, (100, 200), random.Random(1))
-    assert [fault.kind for fault in faults] == list(KINDS)
-    assert all(100 <= fault.at_ms <= 200 < fault.until_ms for fault in faults)
-    assert len({fault.at_ms for fault in faults}) > 5
-    assert inject([], Watched(), safety.ROLES) == 0
 
 
 def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,12 +35,6 @@ def test_every_encoding_is_checked_for_s_1_to_s_5() -> None:
         assert checked == wanted
 
 
-@pytest.mark.slow
-def test_a_naive_encoding_that_is_stopped_has_not_finished(tmp_path: Path) -> None:
-    _, finished = encodings_bench.states("Naive", "bag", tmp_path, 1)
-    assert not finished
-
-
 def test_a_violation_is_no_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     violates = tlc.TlcResult("violates", "NoHazardInv", 10, 20, 3, 1.0)
     monkeypatch.setattr(tlc, "run", lambda *args, **options: violates)

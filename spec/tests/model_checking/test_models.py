@@ -105,12 +105,6 @@ def test_what_a_module_extends_and_what_it_reads() -> None:
     assert models.extended("G", texts) == {"G", "E", "B", "C"}
 
 
-def test_t_6_is_checked_with_two_prescribers() -> None:
-    """T-6: with one, nobody else can act on a receiver's word."""
-    assert "OneWordInv" in checked("one_word_timed")
-    assert "Prescribers = {1, 2}" in model("one_word_timed").config
-
-
 def constants(cfg: str) -> dict[str, str]:
     return dict(re.findall(r"^  (\w+) (?:=|<-) (.+)$", model(cfg).config, re.MULTILINE))
 
@@ -198,9 +192,6 @@ def test_probes_reach_every_rule_phase_type_and_refusal() -> None:
     assert {f"refused by {rule}" for rule in refusing} <= one
 
 
-ANSWER = '[] t[1] = "answer"     -> '
-
-
 def test_the_hazard_reaches_its_bound_in_every_fault_class() -> None:
     labels = reached("hazard_bounds")
     assert len(labels) == 32  # 36 fault classes, in four of which there is no hazard at all
@@ -216,13 +207,7 @@ def test_the_hazard_reaches_its_bound_in_every_fault_class() -> None:
         (lambda d: (d / "unreduced.cfg").unlink(), "unreduced: there is no unreduced.cfg"),
         (lambda d: (d / "rejoin.cfg").touch(), "rejoin: has a base, and a rejoin.cfg"),
         (lambda d: (d / models.LIST).unlink(), "cannot be read"),
-        (lambda d: edit(d, "[one_by_two]", "[one_by_two"), "models.toml: "),
-        (
-            lambda d: edit(d, "# Every", "version = 1 # Every"),
-            "version: must be a table",
-        ),
         (lambda d: edit(d, "[retarget]", "[rejoin]"), "rejoin"),
-        (lambda d: edit(d, "depth = ", "deep = "), "deep: Extra inputs"),
         (lambda d: edit(d, "depth = ", "# "), "depth: required in a model that holds"),
         (
             lambda d: edit(d, "depth = ", "length = 3\ndepth = "),
@@ -281,21 +266,6 @@ def test_a_cfg_that_is_kept_is_run_by_the_command_beside_it(tmp_path: Path) -> N
     done = subprocess.run(command, shell=True, capture_output=True, text=True)
     assert (tmp_path / "bare_ack.cfg").read_text() == one.config
     assert "Action property AckedProp is violated" in done.stdout
-
-
-def test_as_expected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models, "check", lambda model, **_: judged(model))
-    seen: list[ModelVerdict] = []
-    chosen = [model("bare_ack"), model("restarts")]
-    verdicts = model_runs.check_all(chosen, on_done=seen.append)
-    assert [v.problem for v in verdicts] == [None, None]
-    assert all(v.ok for v in verdicts)
-    assert [(v.model.cfg, v.outcome, v.property) for v in verdicts] == [
-        ("bare_ack", "violates", "S-6"),
-        ("restarts", "holds", None),
-    ]
-    assert len(verdicts[0].trace) == chosen[0].length
-    assert sorted(v.model.cfg for v in seen) == ["bare_ack", "restarts"]
 
 
 FAILS = {"breaks": "AckedProp", "length": 6}
