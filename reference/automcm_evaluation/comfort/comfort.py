@@ -14,31 +14,10 @@ import numpy as np
 from pydantic import Field
 
 from automcm.applications.vehicle import STEP_S, Driving
-from automcm_evaluation.comfort import comfort_courses, comfort_figures, comfort_tables
-from automcm_evaluation.comfort.comfort_courses import (
-    COURSES,
-    PRESCRIBER,
-    STAGES,
-    A,
-    B,
-    C,
-    ComfortSetting,
-    disturbed,
-    nobody,
-    uncoordinated,
-    undisturbed,
-)
-from automcm_evaluation.comfort.comfort_measures import (
-    FAR_S,
-    HARD,
-    Tracks,
-    braking,
-    distance,
-    first_slower,
-    jerk,
-    lost,
-    slowed,
-)
+from automcm_evaluation.comfort import comfort_courses as courses
+from automcm_evaluation.comfort import comfort_figures, comfort_tables
+from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
+from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, Tracks, distance
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
@@ -81,7 +60,7 @@ def cells(settings: Comfort) -> list[Values]:
     all_ = settings.model_dump(mode="json")
     speeds, faults_kmh, trials = (all_.pop(name) for name in ("speeds_kmh", "faults_kmh", "trials"))
     return grid(part="fig6", speed_kmh=speeds, setting=all_) + grid(
-        part="courses", speed_kmh=faults_kmh, stage=STAGES, trials=trials, setting=all_
+        part="courses", speed_kmh=faults_kmh, stage=courses.STAGES, trials=trials, setting=all_
     )
 
 
@@ -109,22 +88,22 @@ def trial(setting: ComfortSetting, stage: str, share: float) -> dict[str, Values
     "cut" is that course with its rule, "cut without" the same without it.
     """
     parameters, plan = Parameters(), setting.four.plan
-    begin, end = comfort_courses.stage(stage, plan, parameters, Driving().lane_change_s)
+    begin, end = courses.stage(stage, plan, parameters, Driving().lane_change_s)
     at_s = begin + share * (end - begin)
-    alone = nobody(setting)
-    plain = undisturbed(setting)
-    needed = {n: (lost(plain[n], alone[n]), slowed(plain[n], alone[n])) for n in (B, C)}
+    alone = courses.nobody(setting)
+    plain = courses.undisturbed(setting)
+    needed = {n: (plain[n].lost(alone[n]), plain[n].slowed(alone[n])) for n in (B, C)}
     found = {
         "undisturbed": cost(plain, alone, needed),
-        "open-ended": cost(undisturbed(setting, open_ended=True), alone, needed),
-        "uncoordinated": cost(uncoordinated(setting), alone, needed),
+        "open-ended": cost(courses.undisturbed(setting, open_ended=True), alone, needed),
+        "uncoordinated": cost(courses.uncoordinated(setting), alone, needed),
     }
-    for name, course in COURSES.items():
+    for name, course in courses.COURSES.items():
         without_change = alone
         if course.else_befalls is not None:
-            without_change = nobody(setting, course, at_s)
+            without_change = courses.nobody(setting, course, at_s)
         for with_rules in (True, False):
-            driven = disturbed(course, setting, at_s, with_rules=with_rules)
+            driven = courses.disturbed(course, setting, at_s, with_rules=with_rules)
             found[name if with_rules else f"{name} without"] = cost(driven, without_change, needed)
     return found
 
@@ -141,30 +120,30 @@ def cost(found: Tracks, alone: Tracks, needed: dict[int, tuple[float, float]]) -
         "drives": 1,
         "moved": int(moved),
         "touched": int(any(d.gap < 0 for d in near)),
-        "hard": int(any(braking(found[n]) > HARD for n in (PRESCRIBER, B, C))),
+        "hard": int(any(found[n].braking > HARD for n in (PRESCRIBER, B, C))),
         "gap_m": min(d.gap for d in near),
         "ttc_s": min(FAR_S if d.collision_s is None else d.collision_s for d in near),
     }
     for name, n in (("prescriber", PRESCRIBER), ("B", B), ("C", C)):
         track = found[n]
-        values[f"{name} braking"] = braking(track)
-        values[f"{name} jerk"] = jerk(track)
-        values[f"{name} lost_m"] = lost(track, alone[n])
+        values[f"{name} braking"] = track.braking
+        values[f"{name} jerk"] = track.jerk
+        values[f"{name} lost_m"] = track.lost(alone[n])
         if n in needed:
             need_m, need_s = needed[n] if moved else (0.0, 0.0)
             values[f"{name} needless_m"] = max(0.0, values[f"{name} lost_m"] - need_m)
-            values[f"{name} needless_s"] = max(0.0, slowed(track, alone[n]) - need_s)
+            values[f"{name} needless_s"] = max(0.0, track.slowed(alone[n]) - need_s)
     return values
 
 
 def fig6(setting: ComfortSetting) -> Values:
     """The undisturbed maneuver: speed over position of four vehicles, and its claims."""
-    found, alone = undisturbed(setting), nobody(setting)
+    found, alone = courses.undisturbed(setting), courses.nobody(setting)
     prescriber = found[PRESCRIBER]
     moving = np.flatnonzero(np.diff(prescriber.y))
     begin, end = int(moving[0]), int(moving[-1]) + 1
     steps = slice(0, round(DRAWN_S / STEP_S), DRAWN_STEPS)
-    behind = {n: first_slower(found[n], alone[n]) for n in (A, B, C)}
+    behind = {n: found[n].first_slower(alone[n]) for n in (A, B, C)}
     gap = distance(C, found).gap
     return {
         "x_m": {str(n): np.round(found[n].x[steps], 2).tolist() for n in found},
@@ -177,7 +156,7 @@ def fig6(setting: ComfortSetting) -> Values:
         "slowest": {str(n): round(float(found[n].speed.min()), 3) for n in found},
         "a_differs": round(float(np.abs(found[A].speed - alone[A].speed).max()), 3),
         "b_at_begin": round(float(found[B].speed[begin]), 3),
-        "hardest": {str(n): round(braking(found[n]), 3) for n in found},
+        "hardest": {str(n): round(found[n].braking, 3) for n in found},
         "hardest_in_change": {
             str(n): round(max(0.0, -float(found[n].acceleration[begin + 1 : end + 1].min())), 3)
             for n in found

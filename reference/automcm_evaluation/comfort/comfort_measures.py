@@ -36,6 +36,31 @@ class DrivenTrack:
     speed: Floats
     acceleration: Floats
 
+    @property
+    def braking(self) -> float:
+        """The largest deceleration, m/s²; 0 if there is none."""
+        return max(0.0, -float(self.acceleration.min()))
+
+    @property
+    def jerk(self) -> float:
+        """The largest change of acceleration within JERK_S, m/s³, up or down."""
+        steps = round(JERK_S / STEP_S)
+        return float(np.abs(self.acceleration[steps:] - self.acceleration[:-steps]).max()) / JERK_S
+
+    def lost(self, alone: DrivenTrack) -> float:
+        """Its distance behind ``alone`` at the end, m."""
+        return float(alone.x[-1] - self.x[-1])
+
+    def slowed(self, alone: DrivenTrack) -> float:
+        """The time for which it was slower than ``alone`` by more than SLOWER, s."""
+        return int(np.count_nonzero(self.speed < alone.speed - SLOWER)) * STEP_S
+
+    def first_slower(self, alone: DrivenTrack) -> float | None:
+        """The first time at which it was slower than ``alone`` by more than SLOWER, s; None:
+        never."""
+        (when,) = np.nonzero(self.speed < alone.speed - SLOWER)
+        return round(float(self.t[when[0]]), 1) if len(when) else None
+
 
 Tracks = dict[int, DrivenTrack]
 """By station id."""
@@ -49,27 +74,6 @@ def tracks(samples: Sequence[Sample]) -> Tracks:
         rows = np.array([(s.t, s.x, s.y, s.speed, s.acceleration) for s in of])
         found[station_id] = DrivenTrack(*rows.T)
     return found
-
-
-def braking(track: DrivenTrack) -> float:
-    """The largest deceleration, m/s²; 0 if there is none."""
-    return max(0.0, -float(track.acceleration.min()))
-
-
-def jerk(track: DrivenTrack) -> float:
-    """The largest change of acceleration within JERK_S, m/s³, up or down."""
-    steps = round(JERK_S / STEP_S)
-    return float(np.abs(track.acceleration[steps:] - track.acceleration[:-steps]).max()) / JERK_S
-
-
-def lost(track: DrivenTrack, alone: DrivenTrack) -> float:
-    """Its distance behind ``alone`` at the end, m."""
-    return float(alone.x[-1] - track.x[-1])
-
-
-def slowed(track: DrivenTrack, alone: DrivenTrack) -> float:
-    """The time for which it was slower than ``alone`` by more than SLOWER, s."""
-    return int(np.count_nonzero(track.speed < alone.speed - SLOWER)) * STEP_S
 
 
 @dataclass(frozen=True)
@@ -98,9 +102,3 @@ def distance(of: int, found: Tracks) -> Distance:
     times = np.maximum(gap[towards], 0) / closing[towards]
     nearest = float(times.min()) if len(times) else FAR_S
     return Distance(float(gap.min()), nearest if nearest < FAR_S else None)
-
-
-def first_slower(track: DrivenTrack, alone: DrivenTrack) -> float | None:
-    """The first time at which it was slower than ``alone`` by more than SLOWER, s; None: never."""
-    (when,) = np.nonzero(track.speed < alone.speed - SLOWER)
-    return round(float(track.t[when[0]]), 1) if len(when) else None

@@ -8,20 +8,8 @@ import numpy as np
 import pytest
 
 from automcm_evaluation.comfort import comfort
-from automcm_evaluation.comfort.comfort_courses import (
-    B,
-    C,
-)
-from automcm_evaluation.comfort.comfort_measures import (
-    FAR_S,
-    DrivenTrack,
-    braking,
-    distance,
-    first_slower,
-    jerk,
-    lost,
-    slowed,
-)
+from automcm_evaluation.comfort.comfort_courses import B, C
+from automcm_evaluation.comfort.comfort_measures import FAR_S, DrivenTrack, distance
 
 
 def track(speeds: list[float], x: float = 0.0, y: float = 0.0) -> DrivenTrack:
@@ -38,12 +26,12 @@ def track(speeds: list[float], x: float = 0.0, y: float = 0.0) -> DrivenTrack:
 def test_braking_jerk_and_way_lost() -> None:
     even = track([10.0] * 30)
     slowing = track([10.0] * 10 + [9.8, 9.6, 9.4, 9.2, 9.0] + [9.0] * 5 + [10.0] * 10)
-    assert braking(even) == 0 and jerk(even) == 0
-    assert braking(slowing) == pytest.approx(2.0)
-    assert jerk(slowing) == pytest.approx(20.0)  # from 0 to 10 m/s² within 0.5 s
-    assert lost(slowing, even) == pytest.approx(0.1 * (0.2 + 0.4 + 0.6 + 0.8 + 1.0 * 6))
-    assert slowed(slowing, even) == pytest.approx(0.8)  # those slower by more than 0.5 m/s
-    assert first_slower(slowing, even) == 1.2 and first_slower(even, even) is None
+    assert even.braking == 0 and even.jerk == 0
+    assert slowing.braking == pytest.approx(2.0)
+    assert slowing.jerk == pytest.approx(20.0)  # from 0 to 10 m/s² within 0.5 s
+    assert slowing.lost(even) == pytest.approx(0.1 * (0.2 + 0.4 + 0.6 + 0.8 + 1.0 * 6))
+    assert slowing.slowed(even) == pytest.approx(0.8)  # those slower by more than 0.5 m/s
+    assert slowing.first_slower(even) == 1.2 and even.first_slower(even) is None
 
 
 def test_distance_is_to_who_is_next_ahead_and_in_the_way() -> None:

@@ -6,10 +6,13 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
+from pydantic.json_schema import GenerateJsonSchema
+
 from automcm_conformance.adapter import kit_paths
 from automcm_conformance.vectors.vector_validation import FILE
 from automcm_conformance.vectors.vectors import SCHEMA, SECURED, Json, checked, paths, read
 from automcm_maintenance.exact_vectors import exact_kernels
+from automcm_spec.vocabulary import json_schema
 
 
 def texts() -> dict[Path, str]:
@@ -56,25 +59,16 @@ def text(file: Json) -> str:
     return "{\n" + ",\n".join(head) + f',\n  "vectors": [\n{rows}\n  ]\n}}\n'
 
 
+class _WithDefaults(json_schema.Generator):
+    field_is_required = GenerateJsonSchema.field_is_required
+    default_schema = GenerateJsonSchema.default_schema
+
+
 def schema() -> str:
     """The JSON Schema of the files.
 
     Only ``load`` checks that ids are unique and that bugs are in the table.
     """
-    made = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": "urn:automcm:vectors:1",
-        "title": "Test vectors of AutoMCM, version 1",
-        **_untitled(FILE.json_schema()),
-    }
-    return json.dumps(made, indent=2, sort_keys=True) + "\n"
-
-
-def _untitled(value: Json) -> Json:
-    """The schema without pydantic's titles and without keywords of OpenAPI."""
-    if isinstance(value, list):
-        return [_untitled(each) for each in value]
-    if not isinstance(value, dict):
-        return value
-    noise = {"discriminator"} | ({"title"} if isinstance(value.get("title"), str) else set())
-    return {name: _untitled(each) for name, each in value.items() if name not in noise}
+    generated = FILE.json_schema(schema_generator=_WithDefaults)
+    title = "Test vectors of AutoMCM, version 1"
+    return json_schema.text(json_schema.document("vectors:1", title, generated))
