@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 from cli_stage import automcm
+from merged_runs import simulated
 
-from automcm.links.simulated_radio import Channel
-from automcm_simulation.road.simulation import Simulation
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.station import CONDITIONS
 
 COMMANDS = ("lint", "show", "coverage")
@@ -18,20 +16,8 @@ COMMANDS = ("lint", "show", "coverage")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("logs")
-    simulation = Simulation(seed=3, channel=Channel(loss=0.1), logs=folder)
-    for station in (1001, 2002):
-        simulation.add(station, Straight())
-    simulation.request(1001, at=500)
-    simulation.run(until=5_000)
-    return folder
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_each_takes_a_folder(command: str, folder: Path) -> None:
-    answer = automcm("trace", command, folder)
-    assert answer.exit_code == 0, answer.output
-    assert "\x1b" not in answer.output
+    first, *_ = simulated(tmp_path_factory.mktemp("logs"), 1001, 2002, loss=0.1, until=5_000)
+    return first.parent
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -6,14 +6,14 @@ import base64
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from merged_runs import simulated
 from replay_stage import REFERENCE, Json, edited, inputs, records, replay, same, verdict
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm_simulation.road.simulation import Simulation
-from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
 # -- what a log may hold
@@ -123,19 +123,13 @@ def answer(command):
     assert verdict(result) == "diverges"
 
 
-def test_parameters_come_from_the_header_then_from_timers(logs: Path, tmp_path: Path) -> None:
+def test_parameters_come_from_the_header_then_from_timers(tmp_path: Path) -> None:
     def bare(record: Json) -> Json:
         return {**record, "parameters": {}} if record["rec"] == "header" else record
 
-    folder = tmp_path / "slow"
-    folder.mkdir()
-    simulation = Simulation(seed=5, logs=folder)
-    for each in (1001, 2002):
-        slow = Parameters(t_resend=150, t_timeout=900, t_decide=700)
-        simulation.add(each, Straight(), slow)
-    simulation.request(1001, at=500)
-    simulation.run(until=6_000)
-    log = edited(folder / "1001.ndjson", tmp_path / "bare.ndjson", bare)
+    slow = Parameters(t_resend=150, t_timeout=900, t_decide=700)
+    first, _ = simulated(tmp_path, 1001, 2002, parameters=slow, until=6_000)
+    log = edited(first, tmp_path / "bare.ndjson", bare)
     code, result = replay(log, REFERENCE, tmp_path)
     assert (code, result["verdict"]) == (0, "allowed"), result
     told = records(Path(result["log"]))[0]["parameters"]
@@ -144,12 +138,8 @@ def test_parameters_come_from_the_header_then_from_timers(logs: Path, tmp_path: 
 
 def test_act_4_the_margin_of_the_log_is_that_of_the_replay(tmp_path: Path) -> None:
     """The Fin comes after the lease, so the log holds its end."""
-    simulation = Simulation(seed=5, logs=tmp_path)
-    for each in (1001, 2002):
-        simulation.add(each, Straight(lease_ms=2000, maneuver_ms=9000), Parameters(clock_drift=9))
-    simulation.request(1001, at=500)
-    simulation.run(until=12_000)
-    log = tmp_path / "1001.ndjson"
+    run: dict[str, Any] = {"parameters": Parameters(clock_drift=9), "until": 12_000}
+    log, _ = simulated(tmp_path, 1001, 2002, lease_ms=2000, maneuver_ms=9000, **run)
     assert '"reason":"lease_expired"' in log.read_text()
     code, result = replay(log, REFERENCE, tmp_path / "again")
     assert (code, same(result), result["notes"]) == (0, True, []), result

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from merged_runs import records, rewritten
+from merged_runs import records, rewritten, simulated
 from tlc_engine import explain_batch
 
 from automcm.links.simulated_radio import Channel
@@ -185,9 +185,5 @@ def test_tlc_finds_the_same(cases: dict[Place, tuple[int, str, Log]]) -> None:
 
 
 def test_the_order_of_intentions_is_not_compared_whatever_the_ids(tmp_path: Path) -> None:
-    simulation = Simulation(seed=1, logs=tmp_path)
-    for station in (1, 9, 10):
-        simulation.add(station, Straight())
-    simulation.request(1, at=500)
-    simulation.run(until=6000)
-    assert verdict_of(tmp_path / "1.ndjson").verdict == "allowed"
+    log, *_ = simulated(tmp_path, 1, 9, 10, until=6000)
+    assert verdict_of(log).verdict == "allowed"
