@@ -9,6 +9,7 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
+from test_children import alive, until
 
 from automcm_conformance.adapter import process
 from automcm_conformance.adapter.process import STDERR_LENGTH, STDERR_LINES, AdapterError, Process
@@ -45,20 +46,8 @@ def failure(code: str, lines: int = 1, limit_s: float = 5) -> AdapterError:
     return caught.value
 
 
-def alive(pid: int) -> bool:
-    """Whether a process runs; a zombie that init has not reaped yet does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
 def gone(pid: int) -> bool:
-    for _ in range(1_000):
-        if not alive(pid):
-            return True
-        time.sleep(0.01)
-    return False
+    return until(lambda: not alive(pid))
 
 
 def test_lines_come_back_in_order_although_both_pipes_are_full() -> None:

@@ -7,6 +7,7 @@ from suite_stage import LIMIT, graph
 from wrong_station import station
 
 from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.play import play
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walks import (
@@ -15,7 +16,7 @@ from automcm_conformance.explore.walks import (
     Setting,
     WalkCoverage,
 )
-from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.graph_cases import PARAMETERS, Runner
 from automcm_conformance.suite.scripts import (
     ABORT,
     ADVERTISED,
@@ -76,10 +77,6 @@ def test_a_case_says_what_it_was_played_with() -> None:
 @pytest.mark.slow
 def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
-    from automcm_conformance.exchange.exchange import Exchange
-    from automcm_conformance.exchange.play import play
-    from automcm_conformance.suite.graph_cases import PARAMETERS
-
     two = graph(TWO_PEERS.path)
     intentions = [received("Intention", MINE, source=p) for p in (2, 3)]
     resends = [expire("resend", entry(*to, MINE)) for to in (("Cancel", 2), ("Prescription", 3))]

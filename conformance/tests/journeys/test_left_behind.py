@@ -6,12 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from cli_stage import AUTOMCM, automcm
+from test_children import until
 
 MARK = "AUTOMCM_TEST_MARK"
 """In the environment of a command, and so in that of all that it starts."""
@@ -56,15 +56,6 @@ def running(home: Path) -> Iterator[Callable[[], list[str]]]:
     yield found
     for pid in started():
         os.kill(pid, signal.SIGKILL)
-
-
-def until(true: Callable[[], bool]) -> bool:
-    due = time.monotonic() + LIMIT_S
-    while not true():
-        if time.monotonic() > due:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 def start(arguments: list[str]) -> subprocess.Popen[bytes]:

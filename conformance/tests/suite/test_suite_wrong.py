@@ -104,24 +104,6 @@ def answer(c):
 # -- what changes something in secret
 
 
-@pytest.mark.slow
-def test_a_cam_that_does_not_count_shows_at_once(conform: Suite) -> None:
-    """ACT-5: the cam timer is the earliest while they arrive, so one armed anew is seen."""
-    code = (
-        "n = 0\n"
-        "def answer(c):\n"
-        "    global n\n"
-        "    if received(c, 'CAM'):\n"
-        "        n += 1\n"
-        "        c['message']['generation_ms'] = 10_000 + n\n"
-        "    return right(c)"
-    )
-    found = conform(station(code), "AMCM/STA/ACT/BI-02", states=600)
-    wrong = [case for case in found.cases if case.verdict == "FAIL"]
-    assert wrong and all("deadline" in case.reason for case in wrong)
-    assert not any(case.verdict == "ERROR" for case in found.cases), "and it is no chance"
-
-
 def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
     """END-6: the sender alone must keep it from counting."""
     wire = Wire()

@@ -73,20 +73,6 @@ def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
 
 
 @pytest.mark.slow
-def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
-    class Older(Reference):
-        def put(self, state: Any) -> None:
-            if state.phase == "CHOOSING":
-                raise ValueError("too many values to unpack")
-            super().put(state)
-
-    result = walk(oracle, Older(oracle.constants), transitions_only=True)
-    choosing = [state for state in oracle.states if state.phase == "CHOOSING"]
-    assert (result.differences, result.states) == (len(choosing), len(oracle.states))
-    assert explain(result.divergences[0]).endswith("raises ValueError: too many values to unpack")
-
-
-@pytest.mark.slow
 def test_marks_are_compared(oracle: Oracle) -> None:
     class Unmarked(Reference):
         def marks(self) -> Any:

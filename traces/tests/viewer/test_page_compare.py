@@ -14,7 +14,6 @@ from test_page import CORPUS, FOUR, column, data_of, events, fives
 from automcm_traces.edit.log_diff import diff
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
-from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import load
 
 Json = Any
@@ -136,12 +135,6 @@ def test_runs_that_begin_at_other_times_are_aligned_all_the_same(tmp_path: Path)
         *(log["ahead"] + 70_000 for log in same["logs"][4:]),
     ]
     assert pairs(data) == pairs(same) and data["rows"]["log"] == same["rows"]["log"]
-
-
-def test_runs_without_a_common_station_are_refused() -> None:
-    with pytest.raises(PageError, match=r"^no station to compare: A has 1001, 2002, B has 3003,"):
-        beside(PAIR, FOUR[2:])
-    assert beside(PAIR, FOUR[2:], {2002: 4004}).comparison is not None
 
 
 def test_without_javascript_the_difference_is_told(two: Two) -> None:
