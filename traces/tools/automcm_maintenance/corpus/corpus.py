@@ -16,8 +16,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from automcm_maintenance.corpus.corpus_bad import Bad, bad_logs, bases_among
+from automcm_maintenance.corpus.corpus_bad import bad_logs, bases_among
 from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
 from automcm_traces.explain.explain import verdicts_of
@@ -121,19 +122,15 @@ def rest(corpus: Path, runs: Mapping[str, bytes]) -> dict[str, bytes]:
         for kind in ("behaviours", "counterexamples")
         for path in sorted((corpus / kind).rglob("*.ndjson"))
     }
-    walked = [text for file, text in logs.items() if file.startswith("behaviours/")]
+    walked = {file: text for file, text in logs.items() if file.startswith("behaviours/")}
     pair = {f"pair-{Path(f).stem}": text for f, text in runs.items() if f.startswith("pair/")}
-    bad = list(bad_logs(pair | bases_among(walked)))
+    bad = list(bad_logs(pair | bases_among(list(walked.values()))))
     entries = [_of_run(file) for file in runs]
-    entries += [_of_bad(one) for one in bad]
-    entries += [_of_walk(file, text) for file, text in logs.items() if _is(file, "behaviours")]
-    entries += _of_counterexamples(corpus, [f for f in logs if _is(f, "counterexamples")])
-    files = dict(runs) | {f"bad/{one.name}.ndjson": one.text for one in bad}
+    entries += [_of_bad(name, seed, line) for name, seed, line, _ in bad]
+    entries += [_of_walk(file, text) for file, text in walked.items()]
+    entries += _of_counterexamples(corpus, [file for file in logs if file not in walked])
+    files = dict(runs) | {f"bad/{name}.ndjson": text for name, _, _, text in bad}
     return files | {"index.json": index_text(entries)}
-
-
-def _is(file: str, kind: str) -> bool:
-    return file.startswith(f"{kind}/")
 
 
 def index_text(entries: Iterable[CorpusEntry]) -> bytes:
@@ -165,22 +162,20 @@ def _of_run(file: str) -> CorpusEntry:
     return CorpusEntry(file, story, "allowed", source="reference")
 
 
-def _of_bad(one: Bad) -> CorpusEntry:
-    beside = f"pair/{one.beside}.ndjson" if one.beside else ""
-    file = f"bad/{one.name}.ndjson"
-    return CorpusEntry(file, one.story, one.verdict, one.line, one.rule, beside, one.base)
+def _of_bad(name: str, seed: dict[str, Any], line: int) -> CorpusEntry:
+    beside = f"pair/{seed['beside']}.ndjson" if "beside" in seed else ""
+    about = seed["story"], seed["verdict"], line, seed.get("rule", ""), beside, seed["base"]
+    return CorpusEntry(f"bad/{name}.ndjson", *about)
 
 
 def _of_walk(file: str, text: bytes) -> CorpusEntry:
     """The entry of a walk: it is allowed because TLC took it; its story is its rules."""
     _, model, name = file.split("/")
-    rules: dict[str, None] = {}
-    for line in text.splitlines():
-        rule = json.loads(line).get("rule")
-        if rule:
-            rules[rule] = None
+    rules = dict.fromkeys(json.loads(line).get("rule") for line in text.splitlines())
     walk, station = Path(name).stem.split("-")
-    story = f"Walk {int(walk)} through {model}, station {station}: {', '.join(rules)}."
+    story = (
+        f"Walk {int(walk)} through {model}, station {station}: {', '.join(filter(None, rules))}."
+    )
     return CorpusEntry(file, story, "allowed", source=f"spec/models/{models.LIST}#{model}")
 
 

@@ -10,31 +10,12 @@ import copy
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 Json = Any
 INPUTS = ("receive", "command", "restart")
 SEEDS = Path(__file__).with_name("bad.toml")
-
-
-@dataclass(frozen=True)
-class Bad:
-    """One bad log: its text, its story, and its correct verdict.
-
-    ``rule`` is empty if no rule required the event.  ``beside`` is the station whose good log is
-    checked with it, 0 for none.
-    """
-
-    name: str
-    base: str
-    story: str
-    text: bytes
-    verdict: str
-    line: int
-    rule: str = ""
-    beside: int = 0
 
 
 class EditedLog:
@@ -205,10 +186,11 @@ SPECIAL: Mapping[str, Callable[[EditedLog], tuple[int, bytes]]] = {
 """The edits that are not of one event, by the name of the log."""
 
 
-def bad_logs(bases: Mapping[str, bytes]) -> Iterator[Bad]:
-    """Every bad log.  ``bases`` are the good ones by name: "pair-1001" and so on.
+def bad_logs(bases: Mapping[str, bytes]) -> Iterator[tuple[str, Json, int, bytes]]:
+    """Every bad log: its name, its table in bad.toml, the line of the verdict, and its text.
 
-    Raises LookupError if a base does not contain the line to edit.
+    ``bases`` are the good ones by name: "pair-1001" and so on.  Raises LookupError if a base does
+    not contain the line to edit.
     """
     for name, seed in tomllib.loads(SEEDS.read_text(encoding="utf-8")).items():
         log = EditedLog(bases[seed["base"]])
@@ -217,8 +199,7 @@ def bad_logs(bases: Mapping[str, bytes]) -> Iterator[Bad]:
         else:
             line = _edit(log, seed)
             text = log.text()
-        about = seed.get("rule", ""), seed.get("beside", 0)
-        yield Bad(name, seed["base"], seed["story"], text, seed["verdict"], line, *about)
+        yield name, seed, line, text
 
 
 #: Further good logs that are needed, and the events that each must contain.

@@ -17,7 +17,7 @@ import shutil
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from automcm_spec.vocabulary.station import Input, Message, Receive, Session, St
 from automcm_traces.export import behaviour_to_log
 from automcm_traces.export.behaviour_effects import EffectQuery, effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of_all
+from automcm_traces.export.behaviour_to_log import StepEffects
 
 MODULE = """---- MODULE Graph ----
 EXTENDS {module}, Simulation, TLC
@@ -50,7 +51,8 @@ GSpec == GInit /\\ [][GNext]_<<vars, place>>
 """``place`` numbers the states, and the VIEW hides it.  Node is an invariant, so TLC looks at it
 once for each state.  ``v = v`` normalizes a value, so that equal ones have equal texts."""
 
-
+AT_ONCE = 1500
+"""Queries to TLC in one run."""
 Key = tuple[int, Input]
 """A station and its input."""
 Walk = list[tuple[int, Key, int]]
@@ -74,6 +76,7 @@ class Transition(NamedTuple):
         return hashlib.sha256("\n".join(self).encode()).hexdigest()[:12]
 
 
+@cache
 def transition(station: int, at: State, value: Input) -> Transition:
     """The transition of a station in a state with this input."""
     ids = {0: 0, station: 1}
@@ -104,13 +107,10 @@ class ModelNode:
     net: frozenset[Message]
     steps: dict[Key, int] = field(default_factory=dict)
     idle: list[Key] = field(default_factory=list)
-    _known: dict[Key, Transition] = field(default_factory=dict)
 
     def transition(self, key: Key) -> Transition:
-        """A transition, computed once."""
-        if key not in self._known:
-            self._known[key] = transition(key[0], self.st[key[0]], key[1])
-        return self._known[key]
+        """That of a station with an input."""
+        return transition(key[0], self.st[key[0]], key[1])
 
 
 class ModelGraph:
@@ -229,10 +229,15 @@ class ModelGraph:
 
         Raises tlc.TlcError, BehaviourError.
         """
-        reduced = "Reduced = TRUE" in self.cfg
-        asker = _Cached(partial(effects_of, self.model.module, self.cfg))
+
+        def effects(queries: Iterable[EffectQuery]) -> dict[EffectQuery, StepEffects]:
+            wanted, found = list(dict.fromkeys(queries)), dict[EffectQuery, StepEffects]()
+            for n in range(0, len(wanted), AT_ONCE):
+                found |= effects_of(self.model.module, self.cfg, wanted[n : n + AT_ONCE])
+            return found
+
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
-        histories = steps_of_all(moves, asker, reduced)
+        histories = steps_of_all(moves, effects, "Reduced = TRUE" in self.cfg)
         return [
             behaviour_to_log.logs(
                 run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds}
@@ -243,22 +248,6 @@ class ModelGraph:
     def _move(self, source: int, key: Key, target: int) -> Move:
         one, two = self.nodes[source], self.nodes[target]
         return Move(*key, one.st, two.st, one.net, two.net)
-
-
-class _Cached:
-    """Caches TLC's answers."""
-
-    def __init__(self, asker: Any) -> None:
-        self._ask = asker
-        self._known: dict[EffectQuery, behaviour_to_log.StepEffects] = {}
-
-    def __call__(
-        self, questions: Iterable[EffectQuery]
-    ) -> dict[EffectQuery, behaviour_to_log.StepEffects]:
-        missing = [q for q in questions if q not in self._known]
-        for first in range(0, len(missing), 1500):
-            self._known |= self._ask(missing[first : first + 1500])
-        return self._known
 
 
 def _way(came: dict[int, tuple[int, Key, int] | None], n: int) -> Walk:
