@@ -21,7 +21,7 @@ from automcm_evaluation.safety import safety_figures, safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Injected, Roles, drawn, inject
 from automcm_evaluation.safety.safety_tables import names, summary
-from automcm_simulation.road.hazard_measures import MeasuredHazard, Watched, bound_ms, met
+from automcm_simulation.road.hazard_measures import Watched, bound_ms, met
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -90,7 +90,7 @@ def run(values: Values, seed: int) -> Values:
         return safety_road.run(values, seeds)
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     b = bound_ms(ablation.parameters, values["delay_ms"])
-    found = together([drive(values, one) for one in seeds], seeds, b)
+    found = together([outcome(drive(values, one), b) for one in seeds], seeds, b)
     if values["part"] == "classes":
         formula, ms = class_bound(values, ablation)
         found |= {"class_bound": formula, "class_bound_ms": ms}
@@ -114,21 +114,6 @@ def class_bound(values: Values, ablation: Ablation) -> tuple[str, int]:
     p = ablation.parameters
     ms = {"C": p.t_cam, "D": values["delay_ms"], "L": p.t_cam_loss, "E": LEASE_MS, "0": 0}
     return formula, sum(ms[symbol] for symbol in formula.split(" + "))
-
-
-@dataclass(frozen=True, slots=True)
-class RunOutcome:
-    """The outcome of one run."""
-
-    hazards: list[MeasuredHazard]
-    agreed: int
-    """Sessions in which the prescriber was accepted."""
-    completed: int
-    """Sessions that the prescriber ended with its Fin."""
-    in_vain: int
-    """The finished sessions of which the target did not get the Fin."""
-    stuck: bool
-    """Whether a station was still in a session, or repeated messages, at the time limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,18 +149,19 @@ def planned(values: Values, draw: random.Random) -> SafetyPlan:
     )
 
 
-def drive(values: Values, seed: int, logs: Path | None = None) -> RunOutcome:
-    """One run of a cell without a road."""
+def drive(values: Values, seed: int, logs: Path | None = None) -> Watched:
+    """One run of a cell without a road, to its end."""
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     plan = planned(values, random.Random(seed))
     channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
     watched = Watched(seed=seed, channel=channel, logs=logs)
     with ablation.applied():
-        return simulated(watched, plan, ablation.parameters)
+        simulate(watched, plan, ablation.parameters)
+    return watched
 
 
-def simulated(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> RunOutcome:
-    """A prescriber, its target, and optionally a second prescriber."""
+def simulate(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> None:
+    """Run a prescriber, its target, and optionally a second prescriber, until all are idle."""
     ids = [ROLES.prescriber, ROLES.target]
     if any(fault.kind == "second prescriber" for fault in plan.faults):
         ids.append(ROLES.second)
@@ -194,28 +180,30 @@ def simulated(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> Run
     watched.clock.run(last + 1)
     while not watched.idle and watched.clock.now() < LONGEST_MS:
         watched.clock.run(watched.clock.now() + 500)
-    stuck = not watched.idle
     watched.run(watched.clock.now())
-    return RunOutcome(
-        hazards=watched.over(),
-        agreed=len(watched.agreed),
-        completed=len(watched.completed),
-        in_vain=len(watched.completed - watched.finished),
-        stuck=stuck,
-    )
 
 
-def together(outcomes: Sequence[RunOutcome], seeds: Sequence[int], b: int) -> Values:
-    """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
-    return met(seeds, [outcome.hazards for outcome in outcomes], b) | {
-        "unexcused": sum(any(not h.excuse for h in o.hazards) for o in outcomes),
-        "beyond": sum(any(h.length_ms > b for h in o.hazards) for o in outcomes),
-        "agreed": sum(outcome.agreed > 0 for outcome in outcomes),
-        "maneuvers": sum(outcome.agreed for outcome in outcomes),
-        "completed": sum(outcome.completed for outcome in outcomes),
-        "in_vain": sum(outcome.in_vain for outcome in outcomes),
-        "stuck": sum(outcome.stuck for outcome in outcomes),
+def outcome(watched: Watched, b: int) -> Values:
+    """The ``hazards`` of a run, whether some are ``unexcused`` or ``beyond`` B, and whether any
+    session ``agreed``; the number of ``maneuvers`` agreed, of those ``completed`` by a Fin, and
+    ``in_vain``: the target did not get it; whether a station is ``stuck`` in a session."""
+    hazards = watched.over()
+    return {
+        "hazards": hazards,
+        "unexcused": any(not hazard.excuse for hazard in hazards),
+        "beyond": any(hazard.length_ms > b for hazard in hazards),
+        "agreed": bool(watched.agreed),
+        "maneuvers": len(watched.agreed),
+        "completed": len(watched.completed),
+        "in_vain": len(watched.completed - watched.finished),
+        "stuck": not watched.idle,
     }
+
+
+def together(outcomes: Sequence[Values], seeds: Sequence[int], b: int) -> Values:
+    """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
+    hazards = [each.pop("hazards") for each in outcomes]
+    return met(seeds, hazards, b) | {n: sum(each[n] for each in outcomes) for n in outcomes[0]}
 
 
 EXPERIMENT = Experiment(

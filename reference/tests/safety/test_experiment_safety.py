@@ -38,18 +38,19 @@ def simulate(
     seed: int = 1,
     logs: Path | None = None,
     prepare: Any = lambda watched: None,
-) -> safety.RunOutcome:
+) -> Watched:
     """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
     plan = safety.SafetyPlan(loss, faults, maneuver_ms, 0, 0)
     channel = Channel(loss=loss, duplicate=0.1)
     watched = Watched(seed=seed, channel=channel, logs=logs)
     prepare(watched)
     with ablation.applied():
-        return safety.simulated(watched, plan, ablation.parameters)
+        safety.simulate(watched, plan, ablation.parameters)
+    return watched
 
 
-def lengths(found: safety.RunOutcome) -> list[tuple[str, int]]:
-    return [(hazard.excuse, hazard.length_ms) for hazard in found.hazards]
+def lengths(found: Watched) -> list[tuple[str, int]]:
+    return [(hazard.excuse, hazard.length_ms) for hazard in found.over()]
 
 
 # -- the bound
@@ -160,8 +161,8 @@ def test_what_was_proved_and_does_not_hold_is_told_with_its_seed(
 
 
 def test_a_station_that_never_comes_free_is_told() -> None:
-    assert simulate([], BY_NAME["no lease"], maneuver_ms=600_000).stuck
-    assert not simulate([], maneuver_ms=600_000).stuck
+    assert simulate([], BY_NAME["no lease"], maneuver_ms=600_000).idle is False
+    assert simulate([], maneuver_ms=600_000).idle
 
 
 # -- what is taken away
@@ -174,11 +175,11 @@ def test_every_ablation_names_what_there_is() -> None:
 
 
 def test_each_ablation_is_applied_and_taken_back() -> None:
-    right = simulate([], loss=0.3)
+    right = safety.outcome(simulate([], loss=0.3), B)
     for ablation in ABLATIONS:
         with ablation.applied():  # an edit that changes no function is an error
             assert ablation.fault is not None or ablation.parameters != PARAMETERS
-    assert simulate([], loss=0.3) == right
+    assert safety.outcome(simulate([], loss=0.3), B) == right
 
 
 # -- faults
