@@ -67,22 +67,12 @@ def the_cells_of_the_experiment_have_no_gain() -> None:
         assert 0 < here["forced"]["lost_s"] < 2
 
 
-def who_never_arrives_is_told() -> None:
-    try:
-        sumo.Trial(how="forced", speed=8.0, beside_m=5.5, signal_s=-400.0).run()
-    except ExperimentError as error:
-        assert "does not arrive" in str(error)
-    else:
-        raise AssertionError("it arrived")
-
-
 CHECKS: tuple[Callable[[], None], ...] = (
     with_nobody_in_the_way_it_arrives_undisturbed,
     the_same_trial_gives_the_same_after_another_one,
     a_prescription_slows_it_down_by_20_km_h_and_costs_what_its_gap_takes,
     a_lane_change_at_once_makes_it_brake_hard_but_not_stop,
     the_cells_of_the_experiment_have_no_gain,
-    who_never_arrives_is_told,
 )
 
 

@@ -183,16 +183,6 @@ def line(*rows: tuple[float, float, float], stopped: bool = False) -> Trajectory
     return Trajectory(made[:, 0], made[:, 1:], stopped)
 
 
-def test_meeting_between_samples() -> None:
-    """Head on: at every sample 10 m apart or more, yet they meet."""
-    a, b = line((0, 0, 0), (2, 20, 0)), line((0, 20, 0), (2, 0, 0))
-    hit = collide.collision(a, b, 4.0)
-    assert hit is not None
-    assert hit.time == pytest.approx(0.8)
-    assert hit.place_a == pytest.approx((8, 0))
-    assert hit.approach == collide.Approach(1.0, 0.0, (10.0, 0.0), (10.0, 0.0))
-
-
 @pytest.mark.parametrize(
     ("a", "b", "expected"),
     [

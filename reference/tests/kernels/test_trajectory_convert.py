@@ -82,14 +82,6 @@ def test_interpolation_gives_the_speeds_back(
     assert len(made) == n + 1
 
 
-def test_paper() -> None:
-    """260 m at 30 km/h: 31.2 s."""
-    xy = np.stack([np.arange(0, 261, 5.0), np.zeros(53)], axis=1)
-    made = convert.convert(xy, np.full(53, 30 / 3.6), (0, 1.5), 0.0)
-    assert made.t[-1] == pytest.approx(31.2)
-    assert len(made) == 53
-
-
 LINE = [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]
 
 

@@ -126,23 +126,6 @@ def straight(v: float, seconds: float = 30.0, n: int = 31, t0: float = 0.0) -> T
     return Trajectory(t0 + t, np.stack([v * t, 0 * t], axis=1))
 
 
-def test_paper() -> None:
-    """Table I at 50 km/h: 2 s as planned, 3.6 s at 30 km/h, then 50 again, 20 m behind."""
-    result = prescribe.prescribe(straight(50 / 3.6), 0.0, hold=2.0, delta_v=20 / 3.6)
-    x = dict(zip(result.t.round(6).tolist(), result.xy[:, 0].tolist(), strict=True))
-    assert x[2.0] == pytest.approx(2 * 50 / 3.6)
-    assert x[5.6] == pytest.approx(2 * 50 / 3.6 + 3.6 * 30 / 3.6)
-    assert x[30.0] == pytest.approx(30 * 50 / 3.6 - 20)
-
-
-def test_clamped() -> None:
-    """At 5 m/s and not below 1 m/s: 4 m/s slower for 5 s gain the 20 m."""
-    result = prescribe.prescribe(straight(5.0), 0.0, hold=2.0, delta_v=20 / 3.6, v_min=1.0)
-    assert 7.0 in result.t.round(9)
-    assert result.at([7.0])[0, 0] == pytest.approx(15)
-    assert result.at([6.0])[0, 0] == pytest.approx(14)
-
-
 def test_standing_gains_nothing() -> None:
     """In the middle: the gain goes on after it."""
     t = np.array([0, 5, 10, 20.0])
@@ -252,25 +235,6 @@ def test_two_steps_within_the_reaction_add_up() -> None:
     for reaction, expected in ((0.9, ()), (2.0, (Reason.ACCELERATION,))):
         limits = verify.Limits(deceleration=4.5 / reaction, reaction=reaction)
         assert verify.verify(two, plan, 0.0, limits) == expected
-
-
-def test_stopping_counts() -> None:
-    plan = straight(12.0)
-    result = Trajectory(np.array([0, 3.0]), np.array([(0, 0), (36, 0.0)]), True)
-    assert verify.verify(result, plan, 0.0, verify.Limits()) == (Reason.ACCELERATION,)
-    assert verify.verify(result, plan, 0.0, verify.Limits(deceleration=6.1)) == ()
-
-
-def test_speed() -> None:
-    plan = straight(14.0)
-    limits = verify.Limits(v_max=15, v_min=5)
-    faster = Trajectory(plan.t, plan.xy * (15.3 / 14))
-    faster = Trajectory(faster.t[:25], faster.xy[:25])
-    assert verify.verify(faster, plan, 0.0, limits) == (Reason.SPEED,)
-    assert verify.verify(plan, plan, 0.0, limits) == ()
-    slower = Trajectory(plan.t, plan.xy * (4.8 / 14))
-    wide = verify.Limits(v_max=15, v_min=5, deceleration=9)
-    assert verify.verify(slower, plan, 0.0, wide) == (Reason.SPEED,)
 
 
 def test_many_tiny_segments_hide_no_speed() -> None:

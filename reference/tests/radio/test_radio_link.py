@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from automcm.links.clock import VirtualClock
-from automcm_evaluation.radio import radio_crowd, radio_sessions
+from automcm_evaluation.radio import radio_sessions
 from automcm_simulation.radio.radio import LARGEST_BYTES
 from automcm_simulation.radio.radio_link import (
     ALPHA,
@@ -121,28 +121,11 @@ def test_another_busy_ratio_is_refused(busy: float) -> None:
         GateKeeper().update(busy, 0)
 
 
-def test_near_stations_agree_and_far_ones_do_not() -> None:
-    near = [radio_sessions.session(1000, n, apart_m=25.0, load=0.0) for n in range(5)]
-    assert all(near)
-    assert not radio_sessions.session(1000, 1, apart_m=2000.0, load=0.0)
-    with_load = [radio_sessions.session(0, n, apart_m=350.0, load=0.6) for n in range(10)]
-    assert not all(with_load)
-
-
 def test_the_models_are_those_of_even_loss_where_nothing_varies() -> None:
     near = radio_sessions.models(1000, 1, apart_m=10.0, load=0.0)
     assert near["three_even"] == pytest.approx(near["three_lasting"], abs=0.002)
     far = radio_sessions.models(1000, 1, apart_m=400.0, load=0.0)
     assert far["loss"] > 0.4 and far["three_even"] > far["three_lasting"] + 0.05
-
-
-@pytest.mark.slow
-def test_congestion_control_makes_a_full_channel_less_busy() -> None:
-    values = {"per_km": 200, "size_bytes": 800, "run_ms": 6000}
-    without = radio_crowd.crowd(values | {"control": False}, 1)
-    with_it = radio_crowd.crowd(values | {"control": True}, 1)
-    assert without["per_s"] == pytest.approx(10, abs=0.1)
-    assert with_it["busy"] < without["busy"] - 0.05 and with_it["per_s"] < without["per_s"]
 
 
 def test_a_frame_whose_sender_leaves_while_it_waits_is_not_sent() -> None:

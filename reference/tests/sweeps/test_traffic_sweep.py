@@ -10,10 +10,8 @@ from typing import Any
 import pytest
 from traffic_stage import traffic
 
-from automcm_evaluation.framework.experiment import Cell
-from automcm_evaluation.sweeps import report
 from automcm_evaluation.traffic_experiment import traffic_sweep
-from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS, Sweep
+from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS
 from automcm_simulation.traffic.traffic import Traffic
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun, wrong
@@ -117,31 +115,3 @@ def test_a_run_that_breaks_off_is_wrong_and_ends_no_sweep(monkeypatch: pytest.Mo
     found = check()
     assert found["wrong"] == ["it broke off: RuntimeError('a lane is not known')"]
     assert found.keys() == good.keys() and found["command"] == good["command"]
-
-
-def test_the_summary_adds_up_by_scenario() -> None:
-    result = check() | {"hazards": 2, "longest_ms": 7, "wrong": ["x", "y"]}
-    result["collisions"] = dict(zip(COLLISIONS, (1, 2, 3, 4), strict=True))
-    values = traffic_sweep.cells(Sweep(scenarios=("merge",), seeds=2, twice_every=2))
-    found = traffic_sweep.summary(
-        [Cell(values[0], result), Cell(values[1], result | {"longest_ms": 5, "wrong": []})]
-    )
-    assert found["broken"] == [f"merge, seed 0: x; y ({result['command']})"]
-    assert found["scenarios"]["merge"] == {
-        **{"runs": 2, "twice": 1, "hazards": 4, "longest_ms": 7, "wrong": 1},
-        **dict(zip(COLLISIONS, (2, 4, 6, 8), strict=True)),
-        **{name: 2 * result[name] for name in ("requested", "agreed", "completed")},
-    }
-
-
-def test_the_page_names_the_bad_runs() -> None:
-    result = check() | {"wrong": ["x"]}
-    cells = [Cell(values, result) for values in traffic_sweep.cells(Sweep(seeds=1))]
-    about = {"experiment": "traffic-sweep", "profile": "quick", "seed": 1, "version": "0"}
-    about["settings"] = Sweep(seeds=1).model_dump(mode="json")
-    page = report.page(report.assemble(traffic_sweep.EXPERIMENT, about, cells))
-    assert "| no run in traffic is bad | - | 7 of 7 runs are | **not reproduced** |" in page
-    assert "| crossing | 1 | 1 |" in page and f"merge, seed 0: x ({result['command']})" in page
-    assert "--set seeds=1" in page
-    good = [Cell(cell.values, check()) for cell in cells[:1]]
-    assert "No run was bad." in report.page(report.assemble(traffic_sweep.EXPERIMENT, about, good))

@@ -37,26 +37,6 @@ def test_a_wrong_module_is_named_with_its_line(
     assert said in error.message and "at tla2sany" not in error.message
 
 
-def test_a_missing_module_is_named(tmp_path: Path) -> None:
-    with pytest.raises(tlc.TlcError, match=r"None\.tla"):
-        sany.export("None", tmp_path)
-
-
-def test_a_java_that_does_not_start_or_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    for raised, kind in (
-        (OSError("no"), "java"),
-        (subprocess.TimeoutExpired("java", 120), "timeout"),
-    ):
-
-        def run(*_: Any, error: Exception = raised, **__: Any) -> None:
-            raise error
-
-        monkeypatch.setattr(subprocess, "run", run)
-        with pytest.raises(tlc.TlcError) as caught:
-            sany.export("OpenStation")
-        assert caught.value.kind == kind
-
-
 def test_operators_and_constants_are_in_the_order_of_the_text(open_xml: bytes) -> None:
     spec = sany.read(open_xml)
     names = list(spec.operators)

@@ -9,7 +9,6 @@ from typing import Any, get_args
 
 import pytest
 from automcm_stage import (
-    PLANNED,
     ack,
     advertisement,
     cam,
@@ -353,8 +352,3 @@ def test_end_5_a_flipped_byte_is_refused_or_gives_a_whole_message(
     except MessageError:
         return
     assert decode(encode(read)) == read
-
-
-def test_models_are_frozen() -> None:
-    with pytest.raises(ValueError, match="frozen"):
-        PLANNED.t0 = 1  # type: ignore[misc]
