@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -17,7 +16,6 @@ from automcm_maintenance.code_mutation import (
     certificate_page,
     equivalence,
     lockstep,
-    source_mutants,
 )
 from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
 from automcm_maintenance.code_mutation.equivalence import Difference
@@ -42,14 +40,6 @@ def changed(module: str, old: str, new: str) -> SourceMutant:
     mutated = Edit(full_name(module), old, new).apply(source)
     line = source[: source.index(old)].count("\n") + 1
     return SourceMutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
-
-
-def test_a_name_that_names_nothing_is_an_error() -> None:
-    sources = [path_of(module).read_text(encoding="utf-8") for module in source_mutants.MODULES]
-    assert source_mutants.unnamed(sources) == set()
-    for name in ("_rearm", "cancel_peer", "MACHINES", "backoff_min"):
-        renamed = [re.sub(rf"\b{name}\b", "renamed", source) for source in sources]
-        assert source_mutants.unnamed(renamed) == {name}
 
 
 WRONG = (

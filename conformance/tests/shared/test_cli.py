@@ -106,27 +106,6 @@ def test_without_its_models_verify_says_so() -> None:
     assert not report.ok
 
 
-def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    def unwanted(*_: object, **__: object) -> None:
-        raise AssertionError("models were asked for")
-
-    def compared(report: verify_.VerifyReport, *_: object) -> None:
-        assert not report.drift, "compared before anything is looked at that is generated"
-        report.compared = good_report().compared
-
-    def drift(report: verify_.VerifyReport, *_: object) -> None:
-        report.drift.append("spec/oracle: stale")
-
-    monkeypatch.setattr(verify_, "_models", unwanted)
-    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"fresh")
-    monkeypatch.setattr(verify_, "_compare", compared)
-    monkeypatch.setattr(verify_, "_drift", drift)
-    answer = automcm("verify", "--no-models", "--json", "-")
-    assert answer.exit_code == 1, answer.output  # no rule was taken away
-    found = json.loads(answer.output)
-    assert found["reference"]["inputs_compared"] == 5 and found["drift"] == ["spec/oracle: stale"]
-
-
 def uncovered(report: verify_.VerifyReport) -> None:
     assert report.coverage is not None
     report.coverage.uncovered.append("NEG-5")
