@@ -18,7 +18,11 @@ from typer.testing import CliRunner
 
 from automcm_cli.main import app
 from automcm_maintenance.verify import verify_screen
+from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
 from automcm_maintenance.verify.verify import VerifyReport
+from automcm_spec.graph.oracle_agreement import Agreement
+from automcm_spec.model_checking import models
+from automcm_spec.model_checking.tlc import TlcResult
 
 AUTOMCM = [sys.executable, "-m", "automcm_cli"]
 REFERENCE = [*AUTOMCM, "adapter"]
@@ -60,3 +64,19 @@ def shown(report: VerifyReport) -> str:
     console = Console(file=io.StringIO(), record=True, width=200)
     verify_screen.show(report, console)
     return console.export_text()
+
+
+def good_report() -> VerifyReport:
+    """Of ``automcm verify``, with nothing wrong."""
+    model = models.load()[0]
+    result = TlcResult("holds", None, 10, 20, 3, 0.1)
+    return VerifyReport(
+        profile="quick",
+        verdicts=[models.ModelVerdict(model, "holds", None, result, None)],
+        oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
+        compared={"one-peer": WalkResult(states=1, inputs=5)},
+        compiled={"one-peer": Agreement(states=1, inputs=6)},
+        coverage=Coverage(covered={"NEG-4": "NEG-4"}),
+        behaviours=3,
+        seconds={"models": 1.0},
+    )

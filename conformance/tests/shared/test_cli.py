@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import automcm, shown
+from cli_stage import automcm, good_report, shown
 
 from automcm_cli.spec import model_output
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.exact_vectors import vector_texts
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify.graph_comparison import Coverage, Divergence, WalkResult
+from automcm_maintenance.verify.graph_comparison import Divergence
 from automcm_spec.graph import oracle_generation
-from automcm_spec.graph.oracle_agreement import Agreement, OracleDifference
+from automcm_spec.graph.oracle_agreement import OracleDifference
 from automcm_spec.model_checking import kept_results, models, tlc
 from automcm_spec.model_checking.tlc import ErrorKind, Progress, TlcError, TlcResult
 from automcm_spec.vocabulary.station import Restart
@@ -79,21 +79,6 @@ def test_a_run_that_does_not_end_is_incomplete(
     (found_,) = json.loads(answer.output)
     assert found_["outcome"] == ("incomplete" if partial else "error")
     assert found_["states_looked_at"] == (partial or None)
-
-
-def good_report() -> verify_.VerifyReport:
-    model = models.load()[0]
-    result = TlcResult("holds", None, 10, 20, 3, 0.1)
-    return verify_.VerifyReport(
-        profile="quick",
-        verdicts=[models.ModelVerdict(model, "holds", None, result, None)],
-        oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
-        compared={"one-peer": WalkResult(states=1, inputs=5)},
-        compiled={"one-peer": Agreement(states=1, inputs=6)},
-        coverage=Coverage(covered={"NEG-4": "NEG-4"}),
-        behaviours=3,
-        seconds={"models": 1.0},
-    )
 
 
 def test_without_its_models_verify_says_so() -> None:

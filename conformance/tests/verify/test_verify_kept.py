@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_stage import shown
+from cli_stage import good_report, shown
 
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.documents.repository import ROOT
@@ -16,27 +16,23 @@ from automcm_maintenance.induction import recorded_proof
 from automcm_maintenance.induction.recorded_proof import Proof
 from automcm_maintenance.verify import kept_stages
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify.graph_comparison import Coverage, WalkResult
 from automcm_spec.graph import oracle, oracle_generation
-from automcm_spec.graph.oracle_agreement import Agreement
-from automcm_spec.model_checking import kept_results, models
-from automcm_spec.model_checking.models import ModelVerdict
-from automcm_spec.model_checking.tlc import TlcResult
+from automcm_spec.model_checking import kept_results
 
 
 @pytest.fixture
 def stages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A verify whose stages find nothing wrong."""
-    result = TlcResult("holds", None, 10, 20, 3, 0.1)
-    verdict = ModelVerdict(models.load()[0], "holds", None, result, None)
+    good = good_report()
 
     def compared(report: verify_.VerifyReport, data: bytes, notify: object) -> None:
-        report.compared = {"one-peer": WalkResult(states=1, inputs=5)}
-        report.compiled = {"one-peer": Agreement(states=1, inputs=6)}
-        report.coverage = Coverage(covered={"a rule": "one"})
+        report.compared, report.compiled = good.compared, good.compiled
+        report.coverage = good.coverage
 
     monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
-    monkeypatch.setattr(kept_results, "check_all", lambda *_, on_done, **__: on_done(verdict))
+    monkeypatch.setattr(
+        kept_results, "check_all", lambda *_, on_done, **__: on_done(good.verdicts[0])
+    )
     monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(generated_files, "drift", lambda *_: [])
