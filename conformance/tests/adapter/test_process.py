@@ -196,7 +196,7 @@ input()
 
 FAILS = {
     "trickles": (
-        "import os, time\nwhile True: os.write(1, b'x'); time.sleep(.05)",
+        "import os, time\ninput()\nwhile True: os.write(1, b'x'); time.sleep(.05)",
         *(1, LIMIT, "hang", [], None, "no answer"),
     ),
     "reads nothing": (SLEEPS, 100_000, LIMIT, "hang", [], None, "no answer"),
