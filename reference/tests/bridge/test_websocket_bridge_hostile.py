@@ -119,9 +119,7 @@ FULL_POSE = {
     ("sent", "problem"),
     [
         ("", "not JSON"),
-        ("{", "not JSON"),
         ("[]", "a JSON object"),
-        ("null", "a JSON object"),
         ("[" * 30_000, "not JSON"),
         ('{"op":' + '{"a":' * 5000 + "1" + "}" * 5001, "not JSON"),
         ('{"op":' + "9" * 5000 + "}", "not JSON"),
@@ -131,8 +129,6 @@ FULL_POSE = {
         ("{}", "op"),
         ('{"op":1}', "op"),
         ('{"op":"call_service"}', "'call_service' is not supported"),
-        ('{"op":"fragment"}', "not supported"),
-        ('{"op":"png"}', "not supported"),
         ('{"op":"subscribe"}', "topic"),
         ('{"op":"subscribe","topic":["a"]}', "topic"),
         ('{"op":"subscribe","topic":"/v2x/mcm/input/plan"}', "topic"),

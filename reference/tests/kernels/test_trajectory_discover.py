@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from shapely import Point, Polygon
-from test_trajectory_cases import BAD, numbers, places, raises, turned
+from test_trajectory_cases import numbers, places, turned
 
 from automcm.kernels import discover
 from automcm.kernels.trajectory import Floats
@@ -141,36 +141,3 @@ def test_the_furthest_is_that_of_all(points: list[tuple[float, float]]) -> None:
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     found = (discover.furthest(xy, directions) * directions).sum(axis=1)
     assert found == pytest.approx((xy @ directions.T).max(axis=0), abs=1e-12)
-
-
-def test_in_a_ring_each_is_in_front_of_another() -> None:
-    """Facing one another: nobody leads; the lowest id, in any order."""
-    of = [
-        discover.Candidate(7, np.array([0.0, 0]), np.array([1.0, 0])),
-        discover.Candidate(4, np.array([5.0, 0]), np.array([-1.0, 0])),
-    ]
-    assert discover.discover(of, LANE) == discover.discover(of[::-1], LANE) == 4
-
-
-def test_refused() -> None:
-    good = discover.Candidate(1, np.zeros(2), np.array([1.0, 0]))
-    raises("candidates: station_id 1", lambda: discover.discover([good, good], LANE))
-    raises("zone: must have at least 3 corners, not 2", lambda: discover.discover([good], LANE[:2]))
-    raises(
-        "zone: must have at least 3 corners, not 2",
-        lambda: discover.inside([(0, 0)], [(0, 0), (1, 1), (0, 0)]),
-    )
-    raises("zone: must have shape", lambda: discover.inside([(0, 0)], [(0, 0, 1)] * 3))
-    raises("points: must have shape", lambda: discover.inside([(0,)], LANE))
-    raises("direction: must not be 0, 0", lambda: discover.Candidate(1, np.zeros(2), np.zeros(2)))
-    raises(
-        "station_id: must be a whole number of at least 1, not 0",
-        lambda: discover.Candidate(0, np.zeros(2), np.ones(2)),
-    )
-    raises("xy: must ", lambda: discover.Candidate(1, np.zeros(3), np.ones(2)))
-    for bad in BAD:
-        raises("xy[1]", lambda bad=bad: discover.Candidate(1, np.array([0, bad]), np.ones(2)))
-        raises("zone[0, 0]", lambda bad=bad: discover.inside([(0, 0)], [(bad, 0), (1, 1), (2, 0)]))
-    assert discover.inside(np.empty((0, 2)), LANE).shape == (0,)
-    with pytest.raises(ValueError):
-        good.xy[0] = 1

@@ -13,7 +13,6 @@ from shapely import Point, box
 from test_trajectory_cases import moved, numbers, plans, raises, trajectories
 
 from automcm.kernels import extents
-from automcm.kernels.collide import closest_approach
 from automcm.kernels.extents import Cover, Extent
 from automcm.kernels.trajectory import Floats, Trajectory
 
@@ -133,16 +132,6 @@ def test_it_is_near_from_its_first_disc_on() -> None:
     cover = extents.cover(LORRY)
     way = 50 - max(cover.offsets) - cover.radius - discs(car, CAR).radius - 1.0
     assert found is not None and found.since == pytest.approx(way / 10, abs=1e-6)
-
-
-def test_a_lorry_is_not_a_point() -> None:
-    """16.5 m long and a lane beside: 2 m of it are still abreast of a car 8 m behind its middle."""
-    lorry = Trajectory([0, 10], [(0, 0), (200, 0)])
-    car = Trajectory([0, 10], [(-9, 0), (191, 0)])
-    approach = closest_approach(lorry, car)
-    assert approach is not None and approach.distance == 9
-    found = extents.clearance(lorry, car, LORRY, CAR)
-    assert found is not None and found.distance < 0 and found.since == 0
 
 
 def test_headings_of_standing_ones() -> None:

@@ -69,11 +69,6 @@ def straight(n: int) -> Trajectory:
     return Trajectory(1.8e9 + 0.6 * np.arange(n), xy)
 
 
-def test_straight_and_even_parts_keep_their_ends() -> None:
-    corner = np.cumsum([(0.0, 0.0), *[(6.0, 8.0)] * 20, *[(0.0, 10.0)] * 20], axis=0)
-    assert thin.thin(Trajectory(np.arange(41.0), corner)).t.tolist() == [0, 20, 40]
-
-
 def test_paper() -> None:
     """60 points do not fit one frame; of a straight and even drive two do."""
     assert thin.prescription_bytes(straight(60)) > FRAME_BYTES

@@ -18,12 +18,9 @@ from automcm_evaluation.radio.radio_traffic import (
     positions,
 )
 from automcm_simulation.radio import propagation
-from automcm_simulation.radio.ns3_radio import Ns3Radio
 from automcm_simulation.radio.propagation import OfferedLoad, Propagation, path_loss_db
 from automcm_simulation.radio.radio import LARGEST_BYTES, Arrival
 from automcm_simulation.radio.table_radio import TableRadio, committed
-from automcm_spec.support import extras
-from automcm_spec.support.extras import MissingExtra
 
 NEAR = {1: (0.0, 0.0), 2: (25.0, 0.0), 3: (5000.0, 0.0)}
 MEASURED = {m.traffic.name: m for m in ns3_measured()}
@@ -86,12 +83,6 @@ def test_bad_calls_are_refused() -> None:
     for load in (-0.1, math.inf, math.nan):
         with pytest.raises(ValueError, match="background must be a finite share"):
             TableRadio(1, background=load)
-
-
-def test_without_ns_3_its_radio_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extras, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtra, match=r"needs ns: pip install 'automcm\[radio\]'"):
-        Ns3Radio(1)
 
 
 def test_the_loss_grows_with_the_distance_without_a_step() -> None:
