@@ -55,7 +55,6 @@ CHEAP: dict[str, Cheap] = {
     "trace diff": Cheap(["1001.ndjson", "2002.ndjson"], files=(JSON,)),
     "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
     "bench radio": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
-    "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench window": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "conform check-adapter": Cheap(ADAPTER, files=(JSON,), slow=True),

@@ -6,17 +6,18 @@ import re
 from pathlib import Path
 from typing import Any
 
-from automcm.encoding.codec import JSON
+from automcm.encoding.codec import JSON, NAMES, codec
 from automcm.links.clock import VirtualClock
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Radio
-from automcm.security import budget, certificates, cose, verifier
+from automcm.security import budget, certificates, cose, envelope, verifier
+from automcm.security.certificates import Credentials
 from automcm.security.signer import Signer
 from automcm.security.verifier import Rejection, Verifier
 from automcm.service import key_files, secured_service
 from automcm.service.secured_service import attach
 from automcm.service.service import McService
-from automcm_maintenance.benches import security_bench
+from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.messages import MAX_BYTES
 from automcm_spec.vocabulary.parameters import Parameters
@@ -60,10 +61,22 @@ def test_the_reasons_are_those_of_the_code_in_the_order_of_the_checks() -> None:
     assert re.findall(r"`(\w+)`", " ".join(first)) == list(Rejection)
 
 
+def _added(*, whole: bool) -> list[int]:
+    """The bytes that an envelope adds to each message of docs/messages.md, in each codec."""
+    now_s = 1_800_000_000
+    authority, key, ids = cose.new_key(), cose.new_key(), [sizes.plain()[0].src]
+    times = {"not_before": now_s - 3600, "not_after": now_s + 7 * 86_400}
+    own = Credentials(certificates.issue(authority, key.public_key(), ids=ids, **times), key)
+    messages = [*sizes.plain(), *sizes.carrying(sizes.trajectory(52))]
+    encoded = [(name, codec(name).encode(each)) for each in messages for name in NAMES]
+    sealed = [(data, envelope.seal(own, n, data, 1000 * now_s, whole=whole)) for n, data in encoded]
+    return [len(made) - len(data) for data, made in sealed]
+
+
 def test_the_figures_are_those_of_the_code() -> None:
     said = " ".join(PAGE.split())
     for form, preposition in (("digest", "with a digest"), ("certificate", "with a certificate")):
-        added = security_bench.added(whole=form == "certificate")
+        added = _added(whole=form == "certificate")
         assert f"{min(added)} to {max(added)}" + (" bytes" if form == "digest" else "") in said
         assert preposition in said
     for figure in (

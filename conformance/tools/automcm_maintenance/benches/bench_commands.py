@@ -26,9 +26,8 @@ OPTIONS = [
     "--benchmark-timer=time.process_time",
 ]
 SUBJECTS = {
-    "station": "the core, codecs, sessions and memory of the reference",
+    "station": "the core, codecs and sessions of the reference",
     "kernels": "the trajectory kernels",
-    "security": "signed messages",
     "window": "an advertising window that closes early (ADV-9)",
     "radio": "the simulated radio channel",
     "traces": "reading and judging logs",

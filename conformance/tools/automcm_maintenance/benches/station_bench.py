@@ -1,8 +1,7 @@
-"""The cost of the reference: the core, codecs, sessions and memory."""
+"""The cost of the reference: the core, codecs and sessions."""
 
 from __future__ import annotations
 
-import tracemalloc
 from functools import partial
 from typing import Any
 
@@ -12,15 +11,12 @@ from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.phases import PrescriberPhases
 from automcm.core.station import Station
 from automcm.encoding.codec import NAMES, CodecError, codec
-from automcm.links.clock import VirtualClock
-from automcm.links.simulated_radio import Channel, Radio
-from automcm.service.service import McService
-from automcm_maintenance.benches.plugin import Figure, Timed, beside
+from automcm.links.simulated_radio import Channel
+from automcm_maintenance.benches.plugin import Timed, beside
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
-from automcm_spec.vocabulary.application import Accept, Command
+from automcm_spec.vocabulary.application import Command
 from automcm_spec.vocabulary.messages import (
-    Advertisement,
     Cam,
     Message,
     Prescription,
@@ -29,8 +25,8 @@ from automcm_spec.vocabulary.messages import (
     encode,
 )
 
-POINTS, STATIONS = 52, 1000
-"""260 m in points 5 m apart: the paper's trajectory; stations in one process."""
+POINTS = 52
+"""260 m in points 5 m apart: the paper's trajectory."""
 Inputs = dict[int, list[tuple[int, Message | Cam | Command]]]
 
 
@@ -157,40 +153,3 @@ def bench_session(loss: float, timed: Timed) -> None:
         return until
 
     timed(lambda: [session(seed) for seed in range(10)], per=10)
-
-
-@pytest.fixture(scope="module")
-def memory() -> dict[str, float]:
-    """Bytes for a station with its service: idle, then as a waiting receiver, then acting."""
-    clock, found = VirtualClock(), {}
-    radio = Radio(clock)
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-
-    def note(name: str) -> None:
-        found[name] = (tracemalloc.get_traced_memory()[0] - before) / STATIONS
-
-    made = [McService(n, Long(), radio.link(n), clock) for n in range(2, STATIONS + 2)]
-    for service in made:
-        service.start()
-    note("idle")
-    asks = Advertisement(src=1, session=(1, 1), seq=1, scenario="lane_change", details={})
-    for service in made:
-        service.receive(encode(asks))
-    note("waiting")
-    path = PRESCRIPTION.prescribed.model_dump_json()
-    for service in made:
-        service.receive(encode(PRESCRIPTION.model_copy(update={"dst": service.station_id})))
-        selected = Trajectory.model_validate_json(path)
-        service.command(Accept(session=(1, 1), proposal=1, selected=selected))
-        assert service.state.phase == "ACTUATING"
-    note("acting")
-    tracemalloc.stop()
-    return found
-
-
-@pytest.mark.parametrize("phase", ["idle", "waiting", "acting"])
-@beside("memory[idle]", 8)
-def bench_memory(phase: str, memory: dict[str, float], figure: Figure) -> None:
-    """Of a station among STATIONS in one process."""
-    figure(memory[phase], "bytes")
