@@ -95,7 +95,6 @@ def summary(cells: Sequence[Cell]) -> Values:
         "series": [
             _event(each)
             | {
-                "s": each["ms"] / 1000,
                 "finished": each["finished"],
                 "vehicles": cell.result["vehicles"],
                 "intentions": each["count"].get("Intention", 0),
@@ -249,17 +248,10 @@ def _many(cell: Cell) -> Values:
     return {
         "vehicles": vehicles,
         "participants": cell.values["participants"],
-        "finished": session["finished"],
-        "s": seconds,
-        "messages": messages,
         "intentions": session["count"].get("Intention", 0),
         "event": event,
         "factor": {
             name: round(session["always"]["sent"][name] / event[name], 1) for name in CODECS
-        },
-        "always": session["always"]["sent"],
-        "bytes_s": {
-            name: {case: round(rate, 1) for case, rate in rates[name].items()} for name in CODECS
         },
         "channel": {
             name: {

@@ -6,7 +6,6 @@ The table is in docs/messages.md.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from automcm.encoding.codec import FRAME_BYTES, NAMES, Codec, codec
@@ -80,13 +79,13 @@ def plain() -> list[Message | Cam]:
     ]
 
 
-def measure(points: Sequence[int] = POINTS) -> list[MessageSize]:
+def measure() -> list[MessageSize]:
     """The size of each type in each codec; with a trajectory, for each number of points.
 
     Raises CodecError if the extra ``automcm[asn1]`` is not installed.
     """
     messages: list[tuple[int, Message | Cam]] = [(0, message) for message in plain()]
-    messages += [(n, message) for n in points for message in carrying(trajectory(n))]
+    messages += [(n, message) for n in POINTS for message in carrying(trajectory(n))]
     return [
         MessageSize(m.type, n, {name: len(codec(name).encode(m)) for name in NAMES})
         for n, m in messages

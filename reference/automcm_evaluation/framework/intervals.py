@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 Z = 1.959963984540054
 """The two-sided 95 % quantile of the normal distribution."""
 
@@ -20,11 +22,5 @@ def wilson(hits: int, trials: int) -> tuple[float, float]:
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """Between the two sorted values next to ``share``; ValueError of none."""
-    if not values:
-        raise ValueError("a quantile requires at least one value")
-    ordered = sorted(values)
-    at = share * (len(ordered) - 1)
-    low = math.floor(at)
-    high = min(low + 1, len(ordered) - 1)
-    return ordered[low] + (at - low) * (ordered[high] - ordered[low])
+    """Between the two sorted values next to ``share``; IndexError of none."""
+    return float(np.quantile(values, share))
