@@ -7,8 +7,22 @@ from typing import Any
 
 from automcm.applications.lane_change import LaneChange
 from automcm.applications.ramp_merge import STOP_M, Merge
+from automcm.applications.vehicle import Vehicle
+from automcm.service.application import Choice
 from automcm_simulation.road.drive import SimulatedDrive
 from automcm_spec.vocabulary import messages
+
+
+class Records(LaneChange):
+    """Keeps the choices that it is asked to make."""
+
+    def choose(self, choice: Choice) -> None:
+        self.asked = choice
+        super().choose(choice)
+
+
+def car(station_id: int, x: float, lane: int = 1) -> Vehicle:
+    return Vehicle(station_id, x, lane, 8.33, 8.33)
 
 
 def lane_changers(drive: SimulatedDrive) -> list[LaneChange]:

@@ -1,4 +1,4 @@
-"""SANY runs once for all tests of the compiler."""
+"""SANY's XML and a graph, once for all tests; compiled code as a module."""
 
 import importlib.util
 import sys
@@ -8,6 +8,8 @@ from types import ModuleType
 
 import pytest
 
+from automcm_spec.graph import oracle, oracle_generation
+
 
 @pytest.fixture(scope="session")
 def open_xml() -> bytes:
@@ -15,6 +17,11 @@ def open_xml() -> bytes:
     from automcm_maintenance.compilation import compiler, sany  # not in every run of pytest
 
     return sany.export(compiler.PLAN.module)
+
+
+@pytest.fixture(scope="session")
+def one_peer() -> oracle.Oracle:
+    return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
 
 
 @pytest.fixture

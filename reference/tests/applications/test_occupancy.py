@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road_stage import answers_of, driven, said
+from road_stage import Records, answers_of, car, driven, said
 
 from automcm.applications import occupancy
 from automcm.applications.lane_change import (
@@ -37,19 +37,7 @@ OWN = Seen(x=0.0, y=-LANE_WIDTH, vx=10.0)
 LANE = STRAIGHT.parallel(LANE_WIDTH)
 
 
-def car(station_id: int, x: float, lane: int = 1) -> Vehicle:
-    return Vehicle(station_id, x, lane, 8.33, 8.33)
-
-
 # -- APP-1
-
-
-class Records(LaneChange):
-    """Keeps the choices that it is asked to make."""
-
-    def choose(self, choice: Choice) -> None:
-        self.asked = choice
-        super().choose(choice)
 
 
 def test_app_1_a_choice_names_everybody_heard_whether_they_answered_or_not() -> None:

@@ -10,10 +10,9 @@ import pytest
 from bridge_stage import BRIDGED, Operator
 from hypothesis import given
 from hypothesis import strategies as st
-from road_stage import said
+from road_stage import Records, car, said
 
 from automcm.applications.lane_change import LaneChange
-from automcm.applications.vehicle import Vehicle
 from automcm.bridge import rosbridge as ros
 from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.service import application
@@ -62,18 +61,6 @@ class Bridged(WebSocketBridge):
     def to_driver(self, text: str) -> None:
         if self.connected:
             self.clock.at(self.clock.now() + LATENCY_MS, lambda: self.far._take(text))
-
-
-class Records(LaneChange):
-    """Keeps the choices that it is asked to make."""
-
-    def choose(self, choice: Choice) -> None:
-        self.asked = choice
-        super().choose(choice)
-
-
-def car(station_id: int, x: float, lane: int = 1) -> Vehicle:
-    return Vehicle(station_id, x, lane, 8.33, 8.33)
 
 
 def bridged_drive(*others: Driver) -> tuple[Records, Bridged, SimulatedDrive]:

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import pytest
 from coupled_stage import COUPLED, edited
+from model_stage import LISTED
 
 from automcm_spec.model_checking import models
-
-MODELS = {model.cfg: model for model in models.load()}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", COUPLED)
 def test_an_edit_that_couples_sessions_breaks_a_lemma(what: str, tmp_path: Path) -> None:
-    model = MODELS[COUPLED[what].notice.get("model", "independent_tight")]
+    model = LISTED[COUPLED[what].notice.get("model", "independent_tight")]
     tla = edited(COUPLED[what], tmp_path)
     assert models.check(model, tla_dir=tla).outcome == "violates"

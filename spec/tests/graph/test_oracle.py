@@ -18,11 +18,6 @@ INITIAL = Station(3, 1, 5, 4).initial
 REQUEST = Command("command", "request", (0, 0), 0, 0)
 
 
-@pytest.fixture(scope="module")
-def one_peer() -> oracle.Oracle:
-    return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
-
-
 def test_the_committed_oracles_are_small() -> None:
     assert sum(graph.path.stat().st_size for graph in oracle_generation.GRAPHS.values()) < 5_000_000
 

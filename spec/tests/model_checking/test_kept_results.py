@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from model_stage import LISTED
 
 from automcm_spec.model_checking import kept_results, models, tlc, toolchain
 from automcm_spec.model_checking.models import Model, ModelVerdict
@@ -20,7 +21,6 @@ from automcm_spec.support.paths import TLA
 RUN = tlc.run
 NAMES = ("bare_ack", "one_by_two", "two_by_one", "drift")
 """A must-fail model, and three of modules of which one only reads Coordination or Drift."""
-REAL = {model.cfg: model for model in models.load()}
 PLACE = Location("System", 1, 2, 3, 4)
 VALUES = {
     "set": frozenset({1, 2, "a"}),
@@ -47,7 +47,7 @@ class Runs:
 
     folder: Path
     ran: list[str] = field(default_factory=list)
-    chosen: list[Model] = field(default_factory=lambda: [REAL[name] for name in NAMES])
+    chosen: list[Model] = field(default_factory=lambda: [LISTED[name] for name in NAMES])
     answer: Callable[[Model, Callable[[str], None]], TlcResult] = printed
 
     @property

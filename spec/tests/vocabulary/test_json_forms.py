@@ -12,11 +12,6 @@ from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Cam, Entry, Expire, Message, OpenStation
 
 
-@pytest.fixture(scope="module")
-def one_peer() -> oracle.Oracle:
-    return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
-
-
 def test_what_is_read_is_written_again(one_peer: oracle.Oracle) -> None:
     file = json.loads(oracle.content(oracle_generation.ONE_PEER.path))
     for name in ("states", "inputs", "marks", "effects"):
