@@ -20,8 +20,13 @@ from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.model_checking import kept_results
 
 
+@pytest.fixture(autouse=True)
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
+
+
 @pytest.fixture
-def stages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def stages(monkeypatch: pytest.MonkeyPatch) -> None:
     """A verify whose stages find nothing wrong."""
     good = good_report()
 
@@ -29,7 +34,6 @@ def stages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         report.compared, report.compiled = good.compared, good.compiled
         report.coverage = good.coverage
 
-    monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
     monkeypatch.setattr(
         kept_results, "check_all", lambda *_, on_done, **__: on_done(good.verdicts[0])
     )
