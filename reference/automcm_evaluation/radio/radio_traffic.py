@@ -75,6 +75,9 @@ class DistanceRow(BaseModel):
     """Of at least LONG."""
 
 
+_, *COUNTED = DistanceRow.model_fields
+
+
 class Measured(BaseModel):
     """What arrived of a traffic, and the mean channel busy ratio."""
 
@@ -182,15 +185,7 @@ def measured(traffic: FourLanes, course: Course) -> Measured:
         ):
             counts[row] += np.bincount(place[: len(which)][which], minlength=bins)
     rows = [
-        DistanceRow(
-            distance_m=bin_ * WIDTH_M,
-            frames=int(c[0]),
-            arrived=int(c[1]),
-            losses=int(c[2]),
-            next_lost=int(c[3]),
-            runs=int(c[4]),
-            long_runs=int(c[5]),
-        )
+        DistanceRow(distance_m=bin_ * WIDTH_M, **dict(zip(COUNTED, c.tolist(), strict=True)))
         for bin_, c in enumerate(counts.T)
         if bin_ and c[0]
     ]
@@ -200,8 +195,7 @@ def measured(traffic: FourLanes, course: Course) -> Measured:
 
 def summed(rows: Sequence[DistanceRow], distance_m: int) -> DistanceRow:
     """The sum of the counts, as of this distance."""
-    names = DistanceRow.model_fields.keys() - {"distance_m"}
-    sums = {name: sum(getattr(row, name) for row in rows) for name in names}
+    sums = {name: sum(getattr(row, name) for row in rows) for name in COUNTED}
     return DistanceRow(distance_m=distance_m, **sums)
 
 
