@@ -131,27 +131,41 @@ class ComfortSetting:
         return replace(self, four=four)
 
 
+@dataclass(frozen=True, kw_only=True)
+class FaultyCourse:
+    """A fault and the rule against it."""
+
+    text: str = ""
+    rule: str = ""
+    """The rule that is disabled."""
+    taken: str = ""
+    """How the rule is disabled."""
+    befalls: Callable[[ComfortRun], None] = lambda run: None
+    cams: bool = True
+    """Whether ACT-2 remains without the rule; ``leased``: ACT-4."""
+    leased: bool = True
+    open_ended: bool = False
+    else_befalls: Callable[[ComfortRun], None] | None = None
+    """The events on the same road without a lane change."""
+
+
+NO_FAULT = FaultyCourse()
+
+
 class ComfortRun:
     """One drive, on which the courses act and which the measures evaluate."""
 
     def __init__(
-        self,
-        setting: ComfortSetting,
-        *,
-        with_rules: bool = True,
-        cams: bool = True,
-        open_ended: bool = False,
-        leased: bool = True,
+        self, setting: ComfortSetting, course: FaultyCourse = NO_FAULT, *, with_rules: bool = True
     ) -> None:
         self.setting, self.with_rules = setting, with_rules
-
         self.changers: dict[int, Changer] = {}
+        open_m = setting.open_m if course.open_ended else 0.0
+        leased, cams = with_rules or course.leased, with_rules or course.cams
 
         def make(vehicle: Vehicle, plan: Plan) -> Changer:
-            open_m = setting.open_m if open_ended else 0.0
             changer = Changer(vehicle, plan, open_m=open_m, leased=leased)
-            self.changers[vehicle.station_id] = changer
-            return changer
+            return self.changers.setdefault(vehicle.station_id, changer)
 
         self.drive: driving.SimulatedDrive = setting.four.on(
             Simulation(seed=setting.four.seed),
@@ -236,24 +250,6 @@ class ComfortRun:
             clock.at(seen, lambda: self.gives_up(PRESCRIBER))
 
 
-@dataclass(frozen=True, kw_only=True)
-class FaultyCourse:
-    """A fault and the rule against it."""
-
-    text: str
-    rule: str
-    """The rule that is disabled."""
-    taken: str
-    """How the rule is disabled."""
-    befalls: Callable[[ComfortRun], None]
-    cams: bool = True
-    """Whether ACT-2 remains without the rule; ``leased``: ACT-4."""
-    leased: bool = True
-    open_ended: bool = False
-    else_befalls: Callable[[ComfortRun], None] | None = None
-    """The events on the same road without a lane change."""
-
-
 def _without_act_2(text: str, befalls: Callable[[ComfortRun], None]) -> FaultyCourse:
     taken = "t_cam_loss is so long that it never expires, in both stations"
     return FaultyCourse(text=text, rule="ACT-2", taken=taken, befalls=befalls, cams=False)
@@ -314,20 +310,14 @@ def disturbed(
     course: FaultyCourse, setting: ComfortSetting, at_s: float, *, with_rules: bool
 ) -> Tracks:
     """The maneuver with the fault ``at_s`` seconds after the signal."""
-    run = ComfortRun(
-        setting,
-        with_rules=with_rules,
-        cams=with_rules or course.cams,
-        leased=with_rules or course.leased,
-        open_ended=course.open_ended,
-    )
+    run = ComfortRun(setting, course, with_rules=with_rules)
     run.at(at_s, lambda: course.befalls(run))
     return run.go()
 
 
 def undisturbed(setting: ComfortSetting, *, open_ended: bool = False) -> Tracks:
     """The undisturbed maneuver."""
-    return ComfortRun(setting, open_ended=open_ended).go()
+    return ComfortRun(setting, FaultyCourse(open_ended=open_ended)).go()
 
 
 def uncoordinated(setting: ComfortSetting) -> Tracks:
@@ -335,15 +325,12 @@ def uncoordinated(setting: ComfortSetting) -> Tracks:
     return ComfortRun(replace(setting, four=replace(setting.four, coordinated=False))).go()
 
 
-def nobody(
-    setting: ComfortSetting, course: FaultyCourse | None = None, at_s: float = 0.0
-) -> Tracks:
+def nobody(setting: ComfortSetting, course: FaultyCourse = NO_FAULT, at_s: float = 0.0) -> Tracks:
     """The same road without a lane change."""
     four = setting.four
     never = replace(four, coordinated=False, signal_s=four.until_s + STEP_S)
     run = ComfortRun(replace(setting, four=never))
-    if course is not None and course.else_befalls is not None:
-        befalls = course.else_befalls
+    if (befalls := course.else_befalls) is not None:
         when = round((four.signal_s + at_s) * 1000)
         run.drive.simulation.clock.at(when, lambda: befalls(run))
     return run.go()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+import typer
 from rich.console import Console
 
 from automcm_cli.shared.common import table_of, unknown
@@ -17,10 +18,6 @@ from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
     from automcm_maintenance.induction.proof import ProofResult
-
-
-class ProveUsage(Exception):
-    """A name that does not exist."""
 
 
 class MissingProver(Exception):
@@ -69,14 +66,14 @@ def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> Pro
     known = Prover(spec).conjuncts
     for name in without:
         if name not in known:
-            raise ProveUsage(unknown(name, known, "conjunct of the invariant"))
+            raise typer.BadParameter(unknown(name, known, "conjunct of the invariant"))
     results: list[ProofResult] = []
     with uncollected():
         for result in Prover(spec, frozenset(without)).results(step):
             results.append(result)
             notify(f"{len(results)} obligations; {result.step or ONE_STATE}: {result.goal}")
     if not results:
-        raise ProveUsage(f"no step has {step!r} in its name")
+        raise typer.BadParameter(f"no step has {step!r} in its name")
     return ProofReport(results)
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
+import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -27,10 +28,6 @@ LONGEST_S = 6
 """The quick and full models that take no longer, in seconds, are run."""
 
 
-class Usage(Exception):
-    """A name that does not exist, or options that do not fit together."""
-
-
 FAULTS = (MissingPackage, MutationError, models.ModelError, OSError, ValueError)
 """Errors that end a run with exit code 3."""
 
@@ -42,7 +39,7 @@ def select(only: str | None, limit: int) -> list[Mutant]:
         pattern = only if any(c in only for c in "*?[") else f"*{only}*"
         mutants = [mutant for mutant in mutants if fnmatch.fnmatchcase(mutant.id, pattern)]
         if not mutants:
-            raise Usage(f"no mutant matches {only!r}")
+            raise typer.BadParameter(f"no mutant matches {only!r}")
     return sample(mutants, limit or None)
 
 

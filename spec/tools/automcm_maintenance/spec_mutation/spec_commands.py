@@ -17,7 +17,6 @@ from automcm_cli.shared.common import (
     example,
     progress,
     unknown,
-    usage,
     write_json,
 )
 
@@ -81,7 +80,7 @@ def spec_mutate(
         raise typer.BadParameter(unknown(profile, mutate_commands.PROFILES, "profile"))
     if write and (only or profile != "deep"):
         raise typer.BadParameter("--write needs --profile deep, and cannot be with --only")
-    with code_3("mutate", *mutate_commands.FAULTS), usage(mutate_commands.Usage):
+    with code_3("mutate", *mutate_commands.FAULTS):
         mutants = mutate_commands.select(only, limit)
         if list_:
             if write_json(json_, mutate_commands.as_rows(mutants)):
@@ -115,11 +114,7 @@ def spec_prove(
     """
     from automcm_maintenance.induction import prove_commands
 
-    with (
-        code_3("prove", *prove_commands.FAULTS),
-        usage(prove_commands.ProveUsage),
-        progress() as notify,
-    ):
+    with code_3("prove", *prove_commands.FAULTS), progress() as notify:
         report = prove_commands.run(without or [], step, notify)
     if write_json(json_, report.as_dict()):
         prove_commands.show(report, console_of())
