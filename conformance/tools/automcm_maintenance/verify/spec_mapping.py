@@ -49,7 +49,8 @@ WRONG = -1
 """A seq that no message of the specification has."""
 PLANNED = Trajectory(t0=0, points=((0, 0, 0), (1000, 8333, 0)))
 PRESCRIBED = Trajectory(t0=0, points=((0, 0, 0), (1000, 2778, 0)))
-LEASE_MS, HOLD_MS = 60_000, 2_000
+LEASE_MS = 60_000
+PRESCRIBES: Any = {"prescribed": PRESCRIBED, "hold_ms": 2_000, "lease_ms": LEASE_MS}
 
 
 def _seq(type_: str, to: int, k: int) -> int:
@@ -59,7 +60,7 @@ def _seq(type_: str, to: int, k: int) -> int:
 
 
 @cache
-def _message(value: spec.Message, seq: int) -> Message:
+def _message(value: spec.Message, seq: int) -> Any:
     """A message of the specification with content and with ``seq`` as its seq."""
     type_, src, dst, session, _, proposal, accepted = value[:7]
     reason: Any = value.reason
@@ -73,13 +74,7 @@ def _message(value: spec.Message, seq: int) -> Message:
         case "Intention":
             return Intention(**common, planned=PLANNED)
         case "Prescription":
-            return Prescription(
-                **common,
-                proposal=proposal,
-                prescribed=PRESCRIBED,
-                hold_ms=HOLD_MS,
-                lease_ms=LEASE_MS,
-            )
+            return Prescription(**common, proposal=proposal, **PRESCRIBES)
         case "Acceptance" if accepted:
             return Acceptance(**common, proposal=proposal, accepted=True, selected=PRESCRIBED)
         case "Acceptance":
@@ -103,8 +98,7 @@ def _entry(value: spec.Entry) -> Reliable:
     type_, to, session, k, accepted = value
     proposal = k if type_ in ("Prescription", "Acceptance") else 0
     described = spec.Message(type_, ME, to, session, k, proposal, accepted, "as_sent", ("none", 0))
-    message = _message(described, _seq(type_, to, k))
-    assert not isinstance(message, Advertisement | Ack)
+    message: Reliable = _message(described, _seq(type_, to, k))
     return message
 
 
@@ -125,23 +119,15 @@ def concrete(value: spec.State) -> State:
     """The reference state for a state of the specification."""
     phase: Any = value.phase
     role: Any = value.role
-    bound = phase != "STANDALONE"
-    advertisement = None
-    if phase == "ADVERTISING":
-        message = _message(_first("Advertisement", ME, 0, value.session), 1)
-        assert isinstance(message, Advertisement)
-        advertisement = message
-    intentions = {}
-    for p in sorted(value.recorded):
-        message = _message(_first("Intention", p, ME, value.session), 1)
-        assert isinstance(message, Intention)
-        intentions[p] = message
+    bound, session = phase != "STANDALONE", value.session
+    advertisement = _first("Advertisement", ME, 0, session)
+    recorded = {p: _message(_first("Intention", p, ME, session), 1) for p in sorted(value.recorded)}
     return State(
         phase=phase,
         role=role,
-        session=value.session if bound else None,
-        advertisement=advertisement,
-        recorded=MappingProxyType(intentions),
+        session=session if bound else None,
+        advertisement=_message(advertisement, 1) if phase == "ADVERTISING" else None,
+        recorded=MappingProxyType(recorded),
         withdrawn=value.withdrawn,
         target=value.target,
         proposal=value.proposal,
@@ -362,7 +348,7 @@ class Reference:
 
     # -- inputs
 
-    def message(self, value: spec.Message) -> Message:
+    def message(self, value: spec.Message) -> Any:
         """A received message, with content."""
         if value.type != "Ack":
             return _message(value, 100 + value.seq if value.seq else 0)
@@ -400,8 +386,7 @@ class Reference:
         if name in ("prescribe", "accept", "refuse"):
             fields |= {"proposal": proposal}
         if name == "prescribe":
-            fields |= {"target": target, "prescribed": PRESCRIBED}
-            fields |= {"hold_ms": HOLD_MS, "lease_ms": LEASE_MS}
+            fields |= {"target": target} | PRESCRIBES
         if name == "accept":
             fields |= {"selected": PRESCRIBED}
         return COMMAND.validate_python(fields)
