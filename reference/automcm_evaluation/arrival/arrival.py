@@ -28,7 +28,6 @@ from automcm_evaluation.framework.experiment import (
     blocks,
     columns,
     grid,
-    profiles,
 )
 from automcm_simulation.road.drive import FourVehicles, arrival_s
 from automcm_simulation.road.simulation import Simulation
@@ -259,7 +258,6 @@ EXPERIMENT = Experiment(
     name="arrival",
     title="Arrival with coordination and without (VI-B, Fig. 8)",
     settings=ArrivalSetting,
-    profiles=profiles("arrival", ArrivalSetting),
     cells=cells,
     run=run,
     summary=summary,

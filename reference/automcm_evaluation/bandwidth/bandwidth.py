@@ -15,14 +15,7 @@ from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
 from automcm_evaluation.bandwidth.bandwidth_figures import figures
 from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS, names, summary
-from automcm_evaluation.framework.experiment import (
-    Experiment,
-    Settings,
-    Values,
-    blocks,
-    grid,
-    profiles,
-)
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -121,7 +114,6 @@ EXPERIMENT = Experiment(
     name="bandwidth",
     title="Bytes on the air, event-driven and always on (Fig. 7)",
     settings=Bandwidth,
-    profiles=profiles("bandwidth", Bandwidth),
     cells=cells,
     run=run,
     summary=summary,

@@ -18,7 +18,7 @@ from automcm_evaluation.comfort import comfort_courses as courses
 from automcm_evaluation.comfort import comfort_figures, comfort_tables
 from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, Tracks, distance
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -168,7 +168,6 @@ EXPERIMENT = Experiment(
     name="comfort",
     title="Speeds and comfort (Fig. 6, III-D)",
     settings=Comfort,
-    profiles=profiles("comfort", Comfort),
     cells=cells,
     run=run,
     summary=comfort_tables.summary,

@@ -7,11 +7,11 @@ import sys
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -38,15 +38,6 @@ class Settings(BaseModel):
     """The settings of an experiment.  Each field has a range, and a value in each profile."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-S = TypeVar("S", bound=Settings)
-
-
-def profiles(name: str, settings: type[S]) -> dict[str, S]:
-    """The profiles of an experiment: pages/profiles.toml."""
-    given = _table("profiles")[name]
-    return {profile: settings.model_validate(values) for profile, values in given.items()}
 
 
 def captions(name: str, table: str) -> dict[str, str]:
@@ -80,7 +71,6 @@ class Experiment:
     name: str
     title: str
     settings: type[Settings]
-    profiles: Mapping[str, Settings]
     cells: Callable[[Any], list[Values]]
     run: Callable[[Values, int], Values]
     summary: Callable[[Sequence[Cell]], Values]
@@ -89,6 +79,15 @@ class Experiment:
     names, too, in lower case; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
     """Name and drawing of each figure; only called if matplotlib is installed."""
+    more_profiles: Mapping[str, Settings] = field(default_factory=dict)
+    """Besides those in pages/profiles.toml."""
+
+    @property
+    def profiles(self) -> dict[str, Settings]:
+        """The settings of each profile."""
+        given = _table("profiles").get(self.name, {})
+        made = {profile: self.settings.model_validate(of) for profile, of in given.items()}
+        return {**made, **self.more_profiles}
 
     def set(self, profile: str, changes: Mapping[str, Json]) -> Settings:
         """The settings of a profile, with some of them changed.

@@ -11,15 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import (
-    Experiment,
-    Json,
-    Settings,
-    Values,
-    blocks,
-    grid,
-    profiles,
-)
+from automcm_evaluation.framework.experiment import Experiment, Json, Settings, Values, blocks, grid
 from automcm_evaluation.loss import loss_figures, loss_road, loss_sessions, loss_udp
 from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, names, summary
 
@@ -102,7 +94,6 @@ EXPERIMENT = Experiment(
     name="loss",
     title="Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)",
     settings=Loss,
-    profiles=profiles("loss", Loss),
     cells=cells,
     run=run,
     summary=summary,

@@ -10,14 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import (
-    Experiment,
-    Settings,
-    Values,
-    blocks,
-    grid,
-    profiles,
-)
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
 from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured, pooled
@@ -93,7 +86,6 @@ EXPERIMENT = Experiment(
     name="radio",
     title="The paper's loss figures over a radio channel",
     settings=Over,
-    profiles=profiles("radio", Over),
     cells=cells,
     run=run,
     summary=radio_tables.summary,

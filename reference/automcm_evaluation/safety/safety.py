@@ -16,7 +16,7 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm.links.simulated_radio import Channel
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_evaluation.safety import safety_figures, safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Injected, Roles, drawn, inject
@@ -210,7 +210,6 @@ EXPERIMENT = Experiment(
     name="safety",
     title="Hazards under random faults",
     settings=Safety,
-    profiles=profiles("safety", Safety),
     cells=cells,
     run=run,
     summary=summary,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid, profiles
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
 from automcm_evaluation.traffic_experiment import (
     crowd_sessions,
     traffic_cell,
@@ -90,8 +90,7 @@ EXPERIMENT = Experiment(
     name="traffic",
     title="Traffic at scale",
     settings=Scale,
-    profiles=profiles("traffic", Scale)
-    | {
+    more_profiles={
         "standard": Scale(
             blocks=(("merge", 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
             crowds=traffic_tables.ASKED_SEEDS,

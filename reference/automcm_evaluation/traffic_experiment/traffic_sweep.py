@@ -18,7 +18,6 @@ from automcm_evaluation.framework.experiment import (
     Settings,
     Values,
     canonical,
-    profiles,
 )
 from automcm_evaluation.traffic_experiment.traffic_cell import Scenario
 from automcm_simulation.traffic.mover import TrafficError
@@ -183,7 +182,6 @@ EXPERIMENT = Experiment(
     name="traffic-sweep",
     title="Many short runs in traffic",
     settings=Sweep,
-    profiles=profiles("traffic-sweep", Sweep),
     cells=cells,
     run=run,
     summary=summary,
