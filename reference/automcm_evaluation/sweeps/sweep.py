@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -36,8 +35,6 @@ from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_maintenance.code_mutation import faults
 from automcm_spec.support import children, files
 
-FREE_BYTES = 50_000_000
-"""Minimum free bytes on the disk to start a sweep."""
 CONNECT_S = 10.0
 """How long to wait for a Dask scheduler."""
 SOURCES = [
@@ -134,9 +131,6 @@ def finish(
         raise ExperimentError("the sweep contains a cell twice")
     files.folder(folder, named=True)
     files.folder(folder / CELLS)
-    free = shutil.disk_usage(folder).free
-    if free < FREE_BYTES:
-        raise OSError(f"{folder}: {free:,} bytes are free, but {FREE_BYTES:,} are required")
     missing = [v for v in wanted if again or not kept[canonical(v)].exists()]
     before = len(wanted) - len(missing)
     notify(before, len(wanted))

@@ -96,21 +96,16 @@ def run(values: Values, seed: int = 0) -> Values:
     # Messages are lost on purpose: no warnings.
     logging.getLogger("automcm.service").setLevel(logging.ERROR)
     drawn_run = drawn(values["scenario"], values["seed"])
+    nothing: Values = dict.fromkeys((*SUMS, "longest_ms"), 0) | {"sha256": ""}
+    nothing |= {"collisions": dict.fromkeys(COLLISIONS, 0), "command": command(drawn_run)}
     try:
-        return _checked(drawn_run, values["twice"])
+        return nothing | _checked(drawn_run, values["twice"])
     except TrafficError as error:
         raise ExperimentError(str(error)) from None
     except (OSError, MemoryError):  # of this machine, not of the run
         raise
     except Exception as error:
-        return {
-            "command": command(drawn_run),
-            "wrong": [f"it broke off: {error!r}"],
-            "collisions": dict.fromkeys(COLLISIONS, 0),
-            **dict.fromkeys((*SUMS, "longest_ms"), 0),
-            "outcome": {},
-            "sha256": "",
-        }
+        return nothing | {"wrong": [f"it broke off: {error!r}"]}
 
 
 def _checked(run: TrafficRun, twice: bool) -> Values:
@@ -121,13 +116,11 @@ def _checked(run: TrafficRun, twice: bool) -> Values:
     hazards = record["hazards"] or {"lengths": {}}
     lengths = [ms for each in hazards["lengths"].values() for ms in each]
     return {
-        "command": command(run),
         "wrong": found,
         "collisions": record["collisions"],
         "hazards": len(lengths),
         "longest_ms": max(lengths, default=0),
         **{name: record["sessions"][name] for name in SESSIONS},
-        "outcome": record["outcome"],
         "sha256": digest,
     }
 
