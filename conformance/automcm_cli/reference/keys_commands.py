@@ -107,8 +107,8 @@ def issue(
                     station_type=station_type,
                     **valid,
                 )
-    if write_json(json_, {"folder": str(folder)} | _as_dict(made)):
-        say(f"{folder}: {_text(_as_dict(made))}")
+    if write_json(json_, {"folder": str(folder)} | claims(made)):
+        say(f"{folder}: {_text(claims(made))}")
 
 
 @app.command(epilog=example("keys show keys-7"))
@@ -130,10 +130,10 @@ def show(
         verifier = key_files.load_verifier(folder, JSON, Parameters())
         if (folder / key_files.CERTIFICATE).exists():
             own = key_files.load(folder).certificate
-            shown = [_as_dict(own, verifier)]
+            shown = [_with_status(own, verifier)]
         else:
             own = None
-            shown = [_as_dict(each, verifier) for each in AuthorityFolder(folder).issued()]
+            shown = [_with_status(each, verifier) for each in AuthorityFolder(folder).issued()]
         authorities = sorted(path.stem for path in (folder / key_files.AUTHORITIES).glob("*.pem"))
     what = ISSUED if own is None else "certificate"
     if write_json(json_, {"folder": str(folder), what: shown, "authorities": authorities}):
@@ -184,9 +184,9 @@ def revoke(
 VALID = "valid"
 
 
-def _as_dict(certificate: Certificate, verifier: Verifier | None = None) -> dict[str, Any]:
-    """A certificate for JSON; with its status now if there is a verifier."""
-    found = {
+def claims(certificate: Certificate) -> dict[str, Any]:
+    """A certificate for JSON, as in the test vectors."""
+    return {
         "digest": certificate.digest.hex(),
         "ids": list(certificate.ids),
         "not_before": certificate.not_before,
@@ -196,9 +196,12 @@ def _as_dict(certificate: Certificate, verifier: Verifier | None = None) -> dict
         "station_type": certificate.station_type,
         "authority": certificate.authority.hex(),
     }
-    if verifier is not None:
-        found["status"] = verifier.problem(certificate, int(time.time() * 1000)) or VALID
-    return found
+
+
+def _with_status(certificate: Certificate, verifier: Verifier) -> dict[str, Any]:
+    """A certificate for JSON, with its status now."""
+    status = verifier.problem(certificate, int(time.time() * 1000)) or VALID
+    return claims(certificate) | {"status": status}
 
 
 def _text(of: dict[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 from automcm.kernels.collide import Approach, Collision, closest_approach, collision
@@ -15,8 +14,10 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
 from automcm.kernels.verify import Limits, verify
 from automcm.service.clock_offsets import bounds, in_step
+from automcm_cli.reference.keys_commands import claims
 from automcm_simulation.radio import success
 from automcm_spec.support.extras import MissingExtra
+from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any
 
@@ -31,6 +32,8 @@ def call(kernel: str, inputs: Json) -> Json:
     except TrajectoryError as error:
         index = {"index": int(error.index[0])} if error.index else {}
         return {"error": {"name": error.name, **index, "why": str(error)}}
+    except MissingExtra as error:
+        raise NotImplementedError(str(error)) from None
 
 
 def _trajectory(given: Json) -> Trajectory:
@@ -128,19 +131,48 @@ def _clock(given: Json) -> Json:
 
 
 def _certificate(given: Json) -> Json:
-    return _secured().certificate(given)
+    """The claims of a certificate; an error if it is malformed."""
+    from automcm.security import certificates
+    from automcm.security.cose import Malformed
+
+    try:
+        read = certificates.read(bytes.fromhex(given["certificate"]))
+        read.key()
+    except Malformed as error:
+        return {"error": {"name": "certificate", "why": str(error)}}
+    return claims(read)
 
 
 def _envelope(given: Json) -> Json:
-    return _secured().envelope(given)
+    """The verdict on each datagram and on each list of revoked certificates."""
+    from automcm.encoding.codec import JSON
+    from automcm.security import cose
+    from automcm.security.verifier import Verified, Verifier
 
-
-def _secured() -> ModuleType:
-    try:
-        from automcm_cli.reference import secured_vector_adapter
-    except MissingExtra as error:
-        raise NotImplementedError(str(error)) from None
-    return secured_vector_adapter
+    authorities = [cose.public_key(bytes.fromhex(point)) for point in given["authorities"]]
+    verifier = Verifier(authorities, JSON, Parameters())
+    own = bytes.fromhex(given["own"] or "")
+    verdicts: list[str] = []
+    accepted: dict[int, Verified] = {}
+    for n, event in enumerate(given["events"]):
+        if "revocations" in event:
+            taken = verifier.revoke(bytes.fromhex(event["revocations"]))
+            verdicts.append("list_taken" if taken else "list_ignored")
+            continue
+        verdicts.append("waiting")
+        data = bytes.fromhex(event["envelope"])
+        for verdict in verifier.receive(data, event["now"], str(n), own):
+            of = int(verdict.datagram.tx or "")
+            if isinstance(verdict, Verified):
+                verdicts[of], accepted[of] = "accepted", verdict
+            else:
+                verdicts[of] = str(verdict.reason)
+    answers = [accepted.get(n) for n in range(len(verdicts))]
+    return {
+        "verdicts": verdicts,
+        "messages": [each and each.message.decode() for each in answers],
+        "wanted": [each and each.wanted and each.wanted.hex() for each in answers],
+    }
 
 
 KERNELS: dict[str, Callable[[Json], Json]] = {

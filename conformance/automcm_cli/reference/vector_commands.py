@@ -47,7 +47,7 @@ def check(
     for name in kernel or []:
         if name not in vectors.KERNELS:
             raise typer.BadParameter(unknown(name, vectors.KERNELS, "kernel"))
-    with code_3("vectors", vectors.VectorError), progress() as notify:
+    with code_3("vectors", NotImplementedError, OSError), progress() as notify:
         results = []
         for path in vectors.paths():
             if not kernel or path.stem in kernel:
@@ -55,7 +55,7 @@ def check(
                 results += vectors.check(vector_adapter.call, vectors.load(path))
         for name, why in not_supported(results).items():
             if name in (kernel or []):
-                raise vectors.VectorError(f"{name}: not supported: {why}")
+                raise NotImplementedError(f"{name}: not supported: {why}")
     if write_json(json_, as_dict(results)):
         show(results, console_of(200))
     raise typer.Exit(0 if all(result.ok for result in results) else 1)

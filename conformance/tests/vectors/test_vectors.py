@@ -25,16 +25,41 @@ from automcm_maintenance.exact_vectors import exact_kernels
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 
 
-@pytest.mark.slow
-def test_the_schema_fits_the_files() -> None:
-    schema = json.loads((VECTORS / vectors.SCHEMA).read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
-    for path in vectors.paths():
-        file = json.loads(path.read_text())
-        jsonschema.validate(file, schema)
-        del file["vectors"][0]["purpose"]
-        with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate(file, schema)
+SCHEMA = jsonschema.Draft202012Validator(json.loads((VECTORS / vectors.SCHEMA).read_text()))
+
+
+def test_the_schema_is_one() -> None:
+    SCHEMA.check_schema(SCHEMA.schema)
+
+
+@pytest.mark.parametrize("path", vectors.paths(), ids=lambda path: path.stem)
+def test_a_file_has_the_form_of_the_schema(path: Path) -> None:
+    file = json.loads(path.read_text())
+    assert SCHEMA.is_valid(file) and file["kernel"] == path.stem
+    ids = [vector["id"] for vector in file["vectors"]]
+    assert len(set(ids)) == len(ids) and all(id_.startswith(path.stem + "-") for id_ in ids)
+    assert {vector["bug"] for vector in file["vectors"]} == set(file["bugs"])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda f: f.update(kernel="guess"),
+        lambda f: f.update(kernel="thin"),
+        lambda f: f.update(more=1),
+        lambda f: f["vectors"][2].pop("bug"),
+        lambda f: f["vectors"][0].update(more=1),
+        lambda f: f["vectors"][0]["inputs"].update(loss="a"),
+        lambda f: f["vectors"][0]["inputs"].update(los=1),
+        lambda f: f["vectors"][0]["expected"].pop("session"),
+        lambda f: f["vectors"][1].update(id="Once"),
+    ],
+)
+def test_the_schema_refuses_a_bad_file(change: Callable[[Any], object]) -> None:
+    file = json.loads((VECTORS / "success.json").read_text())
+    assert SCHEMA.is_valid(file)
+    change(file)
+    assert not SCHEMA.is_valid(file)
 
 
 def test_the_folder_holds_nothing_else() -> None:
@@ -89,45 +114,6 @@ def test_closest_against_a_fine_grid() -> None:
         for n in range(101):
             when = grid[0] + (grid[-1] - grid[0]) * Fraction(n, 100)
             assert float(exact_kernels.distance(a.at(when), b.at(when))) >= least - 1e-9
-
-
-# -- bad files
-
-
-def written(folder: Path, change: Callable[[Any], object]) -> Path:
-    file = json.loads((VECTORS / "success.json").read_text())
-    change(file)
-    path = folder / "success.json"
-    path.write_text(json.dumps(file))
-    return path
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda f: f.update(kernel="guess"), "success.json: "),
-        (lambda f: f["vectors"][2].pop("bug"), "success-one-second: bug: Field required"),
-        (lambda f: f["vectors"][0]["inputs"].update(loss="a"), "success-once: inputs.loss: "),
-        (lambda f: f["vectors"][0]["inputs"].update(los=1), "success-once: inputs.los: Extra"),
-        (lambda f: f["vectors"][0]["expected"].pop("session"), "success-once: expected"),
-        (lambda f: f["vectors"][1].update(id="success-once"), "success-once: id: another vector"),
-        (lambda f: f["vectors"][1].update(id="once"), "once: id: must start with success-"),
-        (lambda f: f["vectors"][1].update(bug="none"), "success-once-without-loss: bug: none is"),
-        (lambda f: f["bugs"].update(other="x"), "success.json: bugs.other: no vector"),
-    ],
-)
-def test_a_bad_file_says_where(tmp_path: Path, change: Callable[[Any], object], says: str) -> None:
-    with pytest.raises(vectors.VectorError) as error:
-        vectors.load(written(tmp_path, change))
-    assert says in str(error.value) and str(error.value).startswith("success.json: ")
-
-
-def test_other_bad_files(tmp_path: Path) -> None:
-    success = (VECTORS / "success.json").read_text()
-    for content, says in (("{", "not JSON"), (success, "kernel: expected thin, not success")):
-        (tmp_path / "thin.json").write_text(content)
-        with pytest.raises(vectors.VectorError, match=rf"thin\.json: {says}"):
-            vectors.load(tmp_path / "thin.json")
 
 
 # -- comparison
@@ -241,11 +227,3 @@ def _shows_what_fails() -> None:
         assert text in answer.output
     answer = run.invoke(command.app, ["check", "--kernel", "success", "--json", "-"])
     assert answer.exit_code == 1 and not json.loads(answer.output)["vectors"][0]["ok"]
-
-
-def test_the_command_names_a_file_it_cannot_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(vectors, "VECTORS", tmp_path)
-    answer = run.invoke(command.app, ["check"])
-    assert answer.exit_code == 3 and "convert.json: No such file" in answer.output
