@@ -7,9 +7,8 @@ import tomllib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.documents.repository import PAGES, ROOT, digest, markdown_table
@@ -31,7 +30,6 @@ INPUTS = (
 STALE = "the specification, the models or the generator have changed since the run"
 NOTHING = "none"
 HEADS = ("mutants", *HOW, NOTHING)
-_Text = Annotated[str, Field(pattern=r"\S")]
 
 
 class _Strict(BaseModel):
@@ -84,15 +82,6 @@ class MutationResults(_Strict):
         )
 
 
-class _Reason(_Strict):
-    text: _Text
-    mutants: Annotated[list[str], Field(min_length=1)]
-
-
-class _Reasons(_Strict):
-    reason: list[_Reason] = []
-
-
 def present() -> str:
     """The hash of INPUTS now."""
     return digest(ROOT, INPUTS)
@@ -100,10 +89,7 @@ def present() -> str:
 
 def load(path: Path = RESULTS) -> MutationResults:
     """The committed results.  Raises ValueError for an invalid file, OSError without the file."""
-    try:
-        return MutationResults.model_validate_json(path.read_bytes())
-    except ValidationError as error:
-        raise ValueError(f"{path.name}: {_first(error)}") from error
+    return MutationResults.model_validate_json(path.read_bytes())
 
 
 def write(rows: Sequence[MutantResult], path: Path = RESULTS) -> None:
@@ -113,25 +99,12 @@ def write(rows: Sequence[MutantResult], path: Path = RESULTS) -> None:
 
 
 def reasons(path: Path = REASONS) -> dict[str, str]:
-    """The reason for each mutant, by id.
-
-    Raises ValueError for an invalid file or an id listed twice, OSError without the file.
-    """
-    try:
-        table = _Reasons.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        raise ValueError(f"{path.name}: {_first(error)}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path.name}: {error}") from error
-    listed = [(id_, entry.text) for entry in table.reason for id_ in entry.mutants]
+    """The reason for each mutant, by id.  Raises ValueError for an id listed twice."""
+    table = tomllib.loads(path.read_text(encoding="utf-8"))["reason"]
+    listed = [(id_, entry["text"]) for entry in table for id_ in entry["mutants"]]
     if twice := [id_ for id_, n in Counter(id_ for id_, _ in listed).items() if n > 1]:
         raise ValueError(f"{path.name} lists {twice[0]} twice")
     return dict(listed)
-
-
-def _first(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    return f"{'.'.join(map(str, fault['loc'])) or 'file'}: {fault['msg']}"
 
 
 def problems(
