@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from automcm_maintenance.verify.graph_comparison import Walkable
 from automcm_spec.model_checking.tlc_simulation import Behaviour
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Session
+
+if TYPE_CHECKING:
+    from automcm_maintenance.verify.spec_mapping import Reference
 
 ME = 1
 
@@ -24,9 +26,9 @@ def seen_by(station: int) -> renumbering.Rename:
     return to
 
 
-def replay(behaviour: Behaviour, adapter: Callable[[], Walkable]) -> str | None:
+def replay(behaviour: Behaviour, adapter: Callable[[], Reference]) -> str | None:
     """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
-    stations: dict[int, tuple[Walkable, Any]] = {}
+    stations: dict[int, tuple[Reference, Any]] = {}
     for n, (who, value, after) in enumerate(behaviour, 1):
         if who not in stations:
             fresh = adapter()

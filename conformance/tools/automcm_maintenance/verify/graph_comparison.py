@@ -1,7 +1,7 @@
-"""Compares an implementation with an oracle: every state, every input, every refusal.
+"""Compares the reference with an oracle: every state, every input, every refusal.
 
-The implementation is reached through a ``Walkable``.  The walk follows shortest paths, so the
-implementation really reaches each state, and the first difference has a shortest path.
+The walk follows shortest paths, so the reference really reaches each state, and the first
+difference has a shortest path.
 """
 
 from __future__ import annotations
@@ -9,45 +9,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
 from automcm_spec.vocabulary.json_forms import canonical, to_json
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES, line
-from automcm_spec.vocabulary.station import Input, Message, Session, State, Timer
+from automcm_spec.vocabulary.station import Input
+
+if TYPE_CHECKING:
+    from automcm_maintenance.verify.spec_mapping import Reference
 
 LIMIT = 20
 """At most this many differences of each rule are kept; all are counted."""
-
-
-class Walkable(Protocol):
-    """The interface that the walk needs of an implementation."""
-
-    def reset(self) -> None:
-        """Enter the initial state."""
-
-    def put(self, state: State) -> None:
-        """Enter this state."""
-
-    def put_state(self, state: Any) -> None:
-        """Enter a state that ``save`` returned."""
-
-    def save(self) -> Any:
-        """The current state, for ``put_state``."""
-
-    def state(self) -> State:
-        """The current state."""
-
-    def marks(self) -> frozenset[Session]:
-        """The sessions that a CAM would name now."""
-
-    def apply(
-        self, value: Input
-    ) -> tuple[Sequence[Message], tuple[str, ...], Sequence[Timer], Sequence[Timer]]:
-        """Handle an input.  Returns messages, indications, armed timers and stopped timers.
-
-        Messages and timers may have any order.
-        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +76,7 @@ def expected_of(oracle: Oracle, answer: OracleAnswer) -> dict[str, Any]:
     }
 
 
-def _apply(adapter: Walkable, value: Input) -> dict[str, Any]:
+def _apply(adapter: Reference, value: Input) -> dict[str, Any]:
     """The implementation's answer; an exception counts as a wrong answer."""
     try:
         messages, indications, arm, stop = adapter.apply(value)
@@ -125,7 +98,7 @@ def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
 
 def walk(
     oracle: Oracle,
-    adapter: Walkable,
+    adapter: Reference,
     *,
     transitions_only: bool = False,
     stop_at_first: bool = False,
@@ -202,17 +175,10 @@ class Coverage:
     by_test: dict[str, str] = field(default_factory=lambda: dict(NO_GRAPH))
 
 
-Ablated = Callable[[str], Walkable]
-"""An implementation without one rule."""
-
-
 def covered(
-    oracle: Oracle,
-    ablated: Ablated,
-    *,
-    wanted: Iterable[str] = RULES,
+    oracle: Oracle, ablated: Callable[[str], Reference], *, wanted: Iterable[str] = RULES
 ) -> Coverage:
-    """Remove each rule in turn, and walk until there is a difference.
+    """Walk ``ablated``, the reference without one rule, until there is a difference; each in turn.
 
     Rules that no graph can cover are listed with the test that covers them.
     """

@@ -400,7 +400,7 @@ class Reference:
 
 
 def without(rule: str) -> Rules:
-    """The rules with the rows of one removed, so that later rows decide.
+    """The rules with the rows of one removed, so that later rows decide; "": all.
 
     END-4 has no row of its own but is the guard of many rows: without it, any session of the same
     prescriber counts as the own one.

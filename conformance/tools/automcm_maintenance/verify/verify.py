@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from automcm_cli.shared.common import unknown
 from automcm_cli.spec import model_output
@@ -26,6 +26,9 @@ from automcm_spec.model_checking.toolchain import ToolError
 from automcm_spec.support import children
 from automcm_spec.vocabulary import json_forms
 from automcm_spec.vocabulary.rules import RULES
+
+if TYPE_CHECKING:
+    from automcm_maintenance.verify.spec_mapping import Reference
 
 BEHAVIOURS = ((30, 40, False), (70, 40, True))
 """The number, length and kind of random behaviours of the closed models that are replayed."""
@@ -205,22 +208,15 @@ class VerifyReport(Comparisons):
         }
 
 
-def reference(constants: dict[str, Any]) -> graph_comparison.Walkable:
-    """The reference behind its in-process adapter."""
-    from automcm_maintenance.verify.spec_mapping import Reference
+def _reference(constants: dict[str, Any], without: str = "") -> Reference:
+    from automcm_maintenance.verify import spec_mapping
 
-    return Reference(constants)
-
-
-def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Walkable:
-    from automcm_maintenance.verify.spec_mapping import Reference, without
-
-    return Reference(constants, without(rule))
+    return spec_mapping.Reference(constants, spec_mapping.without(without))
 
 
 def _walk(data: bytes) -> graph_comparison.WalkResult:
     graph = oracle.parse(data, "oracle")
-    return graph_comparison.walk(graph, reference(graph.constants))
+    return graph_comparison.walk(graph, _reference(graph.constants))
 
 
 def _agree(data: bytes) -> oracle_agreement.Agreement:
@@ -231,7 +227,7 @@ def _agree(data: bytes) -> oracle_agreement.Agreement:
 def _cover(data: bytes, wanted: Collection[str]) -> graph_comparison.Coverage:
     graph = oracle.parse(data, "oracle")
     return graph_comparison.covered(
-        graph, lambda rule: _without(graph.constants, rule), wanted=wanted
+        graph, lambda rule: _reference(graph.constants, rule), wanted=wanted
     )
 
 
@@ -242,7 +238,7 @@ def _behave() -> tuple[int, list[str]]:
         for behaviour in tlc_simulation.behaviours(number, depth, SEED, lively=lively)
     ]
     answers = (
-        replay(behaviour, lambda: reference(tlc_simulation.CONSTANTS)) for behaviour in found
+        replay(behaviour, lambda: _reference(tlc_simulation.CONSTANTS)) for behaviour in found
     )
     return len(found), [answer for answer in answers if answer]
 
