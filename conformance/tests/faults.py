@@ -26,7 +26,7 @@ from fault_cell import Cell
 from fault_reasons import WHY
 from faulty_station import FAULTS
 
-from automcm_maintenance.documents import faults_page
+from automcm_maintenance.documents import built_pages
 
 RETRIES = 2
 PHASES = (
@@ -110,7 +110,7 @@ def main() -> None:
     found = results(cells)
     if chosen.write:
         chosen.write.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n")
-    print(faults_page.markdown(found))
+    print(built_pages.faults_page(found))
     passed = sum(not cell.problems for cell in cells)
     print(f"{passed} passed, {len(cells) - passed} failed")
     sys.exit(passed < len(cells))

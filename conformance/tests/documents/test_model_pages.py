@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from automcm_maintenance.documents import counterexample_pages, generated_files, models_page
+from automcm_maintenance.documents import built_pages, counterexample_pages, generated_files
 from automcm_spec.model_checking import models
 
 FAILING = [m for m in models.load() if m.expect == "violates"]
 MUST_FAIL = [m for m in FAILING if m.module not in models.ALONE]
 ALONE = [m for m in FAILING if m.module in models.ALONE]
-PAGE = models_page.models_page(models.load())
+PAGE = built_pages.models_page(models.load())
 HOLD = [model for model in models.load() if model.expect == "holds"]
 
 

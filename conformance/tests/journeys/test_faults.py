@@ -12,9 +12,9 @@ from fault_reasons import WHY
 from faults import PHASES, matrix, results
 from faulty_station import FAULTS
 
-from automcm_maintenance.documents import faults_page
+from automcm_maintenance.documents import built_pages
 
-FOUND = json.loads(faults_page.RESULTS.read_text(encoding="utf-8"))
+FOUND = json.loads(built_pages.FAULTS.read_text(encoding="utf-8"))
 
 
 def test_the_page_has_every_cell_and_none_that_is_unexplained() -> None:
@@ -22,7 +22,7 @@ def test_the_page_has_every_cell_and_none_that_is_unexplained() -> None:
     for fault, shown in FOUND["faults"].items():
         assert len(shown["outcomes"]) == len(PHASES) and all(shown["outcomes"])
         assert shown["effect"] == WHY[fault].text
-    page = faults_page.markdown(FOUND)
+    page = built_pages.faults_page(FOUND)
     assert f"{len(FAULTS) * len(PHASES)} cells" in page
     assert "unexpected: 0." in page and "(!)" not in page
 
@@ -34,7 +34,7 @@ def test_end_1_a_cell_in_which_the_acting_prescriber_is_told_to_stop(
     monkeypatch.setattr("faults.PHASES", place)
     (cell,) = asyncio.run(matrix(["SIGTERM"], 1, tmp_path))
     assert (cell.outcome, cell.problems, cell.code) == ("Cancel(abort)", [], 0)
-    assert "| Cancel(abort) |" in faults_page.markdown(results([cell]))
+    assert "| Cancel(abort) |" in built_pages.faults_page(results([cell]))
 
 
 @pytest.mark.slow

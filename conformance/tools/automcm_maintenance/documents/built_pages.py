@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from automcm_maintenance.documents.repository import ROOT
+from automcm_cli.spec.model_output import checks
+from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
+from automcm_spec.model_checking import models
+from automcm_spec.support import markdown
 
 RESULTS = ROOT / "docs" / "evaluation"
+FAULTS = ROOT / "conformance" / "faults.json"
+"""The results of ``make test-faults``."""
 
 
 def pages() -> dict[str, Callable[[], str]]:
@@ -20,9 +25,8 @@ def pages() -> dict[str, Callable[[], str]]:
     from automcm_evaluation.sweeps.catalogue import NAMES
     from automcm_maintenance.code_mutation import certificate_page
     from automcm_maintenance.corpus import corpus_page
-    from automcm_maintenance.documents import citations, cli_page, faults_page, models_page
+    from automcm_maintenance.documents import citations, cli_page
     from automcm_maintenance.spec_mutation import mutant_results
-    from automcm_spec.model_checking import models
 
     details = {
         f"evaluation/{name}/{report.PAGE}": partial(_details, RESULTS / name / report.RESULTS)
@@ -33,13 +37,53 @@ def pages() -> dict[str, Callable[[], str]]:
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         **commands,
         "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
-        "faults.md": lambda: faults_page.markdown(_json(faults_page.RESULTS)),
+        "faults.md": lambda: faults_page(_json(FAULTS)),
         "index.md": _first_page,
-        "models.md": lambda: models_page.models_page(models.load()),
+        "models.md": lambda: models_page(models.load()),
         "mutation.md": lambda: mutant_results.page(mutant_results.load()),
         "rule-coverage.md": lambda: citations.table(ROOT),
         **details,
     }
+
+
+def faults_page(found: dict[str, Any]) -> str:
+    """The faults of a station, from the results of ``make test-faults``."""
+    faults = found["faults"].items()
+    wide = [[name, *f["outcomes"]] for name, f in faults if set(f["outcomes"]) != {"Fin"}]
+    narrow = [[name, f["codes"], f["log"], f["effect"]] for name, f in faults]
+    heads, ends = ["fault", *found["phases"]], ["fault", "exit code", "log", "effect"]
+    return markdown.page(
+        PAGES / "faults.md.j2",
+        found=found,
+        outcomes=markdown_table(heads, _alike(wide), heads),
+        effects=markdown_table(ends, _alike(narrow), ends),
+    )
+
+
+def _alike(rows: list[list[str]]) -> list[list[str]]:
+    """Rows that differ only in their fault as one row."""
+    faults: dict[tuple[str, ...], list[str]] = {}
+    for fault, *rest in rows:
+        faults.setdefault(tuple(rest), []).append(fault)
+    return [["; ".join(names), *rest] for rest, names in faults.items()]
+
+
+def models_page(loaded: Sequence[models.Model]) -> str:
+    """Every model with its recorded result."""
+    usual = {
+        pair for m in loaded if m.expect == "holds" for pair in models.replaced_in(m.config).items()
+    }
+
+    def changed(model: models.Model) -> str:
+        replaced = models.replaced_in(model.config).items()
+        names = [name for name, by in replaced if (name, by) not in usual]
+        line = re.search(r"^ *Missing = \{(.*)\}", model.config, re.MULTILINE)
+        timers = [f"timer {name}" for name in re.findall(r"\w+", line[1])] if line else []
+        return ", ".join(f"`{name}`" for name in (*names, *timers))
+
+    return markdown.page(
+        PAGES / "models.md.j2", models=loaded, alone=models.ALONE, checks=checks, changed=changed
+    )
 
 
 def _first_page() -> str:
