@@ -1,28 +1,28 @@
 """Counterexamples in ITF, the Informal Trace Format (ADR-015 of Apalache).
 
-The representation of TLA+ values in Python and in ITF:
+The representation of TLA+ values, in Python that of ``tla_values``, and in ITF:
 
 =====================  =========================  ==========================================
 TLA+                   Python                     ITF
 =====================  =========================  ==========================================
 boolean, string        bool, str                  the same
 integer                int                        number, beyond 2^53-1 ``{"#bigint": "…"}``
-sequence               list                       ``[…]``
 tuple                  tuple                      ``{"#tup": […]}``
 set                    frozenset                  ``{"#set": […]}``, sorted
-record                 Mapping, all keys str      object
-other function         any other Mapping          ``{"#map": [[key, value], …]}``, sorted
-not a value            anything else              ``{"#unserializable": "…"}``
+record                 Record                     object
+other function         Function                   ``{"#map": [[key, value], …]}``, sorted
 =====================  =========================  ==========================================
 
-Inside a set, and as keys of a function, Python needs hashable values: there `freeze` converts a
-dict to a FrozenMap and a list to a FrozenList. A function whose keys are all strings is a record.
+A sequence, ``[…]``, is read as a tuple. Metadata is plain JSON, written as it is; what JSON cannot
+hold becomes ``{"#unserializable": "…"}``.
 """
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+
+from automcm_spec.model_checking.tla_values import Function, Record, Value
 
 DESCRIPTION = "https://apalache-mc.org/docs/adr/015adr-trace.html"
 LARGEST = 2**53 - 1
@@ -44,57 +44,13 @@ class ItfState:
     meta: Mapping[str, object] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Unserializable:
-    """A placeholder for a value that ITF cannot represent, by its text."""
-
-    text: str
-
-
-class FrozenList(tuple[object, ...]):
-    """A hashable sequence; outside sets, a list is used."""
-
-
-class FrozenMap(Mapping[object, object]):
-    """A hashable record or function, equal to a dict with the same items."""
-
-    def __init__(self, items: Mapping[object, object]) -> None:
-        self._items = dict(items)
-
-    def __getitem__(self, key: object) -> object:
-        return self._items[key]
-
-    def __iter__(self) -> Iterator[object]:
-        return iter(self._items)
-
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __hash__(self) -> int:
-        return hash(frozenset(self._items.items()))
-
-    def __repr__(self) -> str:
-        return f"FrozenMap({self._items!r})"
-
-
-def freeze(value: object) -> object:
-    """The value in hashable form."""
-    if isinstance(value, FrozenList | list):
-        return FrozenList(freeze(item) for item in value)
-    if isinstance(value, tuple):
-        return tuple(freeze(item) for item in value)
-    if isinstance(value, Mapping):
-        return FrozenMap({freeze(key): freeze(item) for key, item in value.items()})
-    return value
-
-
 def encode(value: object) -> object:
     """The value as ITF. Raises ItfError for a record with a field that starts with ``#``."""
     if isinstance(value, bool | str):
         return value
     if isinstance(value, int):
         return value if abs(value) <= LARGEST else {"#bigint": str(value)}
-    if isinstance(value, FrozenList | list):
+    if isinstance(value, list):
         return [encode(item) for item in value]
     if isinstance(value, tuple):
         return {"#tup": [encode(item) for item in value]}
@@ -105,37 +61,34 @@ def encode(value: object) -> object:
             return {_field(key): encode(item) for key, item in value.items()}
         pairs = [[encode(key), encode(item)] for key, item in value.items()]
         return {"#map": sorted(pairs, key=_text)}
-    text = value.text if isinstance(value, Unserializable) else repr(value)
-    return {"#unserializable": text}
+    return {"#unserializable": repr(value)}
 
 
-def decode(value: object) -> object:
+def decode(value: object) -> Value:
     """The value of an ITF term. Raises ItfError if it is not ITF."""
     match value:
         case bool() | int() | str():
             return value
-        case list():
-            return [decode(item) for item in value]
         case {"#bigint": str(digits), **rest} if not rest:
             if not re.fullmatch(r"-?[0-9]{1,4000}", digits, re.ASCII):
                 raise ItfError(f"#bigint must be decimal digits, not {_short(digits)}")
             return int(digits)
+        case list():
+            return tuple(map(decode, value))
         case {"#tup": list(items), **rest} if not rest:
-            return tuple(decode(item) for item in items)
+            return tuple(map(decode, items))
         case {"#set": list(items), **rest} if not rest:
-            elements = frozenset(freeze(decode(item)) for item in items)
+            elements = frozenset(map(decode, items))
             _refuse_collapse(len(elements), items, "#set")
             return elements
         case {"#map": list(pairs), **rest} if not rest:
             if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
                 raise ItfError(f"#map must be a list of pairs, not {_short(pairs)}")
-            function = {freeze(decode(key)): decode(item) for key, item in pairs}
+            function = Function({decode(key): decode(item) for key, item in pairs})
             _refuse_collapse(len(function), pairs, "#map")
             return function
-        case {"#unserializable": str(text), **rest} if not rest:
-            return Unserializable(text)
         case dict():
-            return {_field(key): decode(item) for key, item in value.items()}
+            return Record({_field(key): decode(item) for key, item in value.items()})
     raise ItfError(f"not an ITF value: {_short(value)}")
 
 
@@ -176,8 +129,7 @@ def to_itf(
 def from_itf(itf: Mapping[str, object]) -> list[ItfState]:
     """The states of an ITF object. Raises ItfError if it is not one.
 
-    The index is not kept in a state's `meta`. Values of other tools that are not ITF are kept
-    unchanged there.
+    The index is not kept in a state's `meta`, which is otherwise as written.
     """
     names, states = itf.get("vars"), itf.get("states")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -212,14 +164,7 @@ def _state(index: int, state: object, names: list[str]) -> ItfState:
         values = {name: decode(state[name]) for name in names}
     except ItfError as error:
         raise ItfError(f"state {index}: {error}") from None
-    return ItfState(values, {k: _decode_meta(v) for k, v in meta.items() if k != "index"})
-
-
-def _decode_meta(value: object) -> object:
-    try:
-        return decode(value)
-    except ItfError:
-        return value
+    return ItfState(values, {k: v for k, v in meta.items() if k != "index"})
 
 
 def _refuse_collapse(kept: int, items: list[object], what: str) -> None:

@@ -15,6 +15,7 @@ from pydantic_core import from_json
 
 from automcm_spec.log_format.reader import Log
 from automcm_spec.model_checking import models, tlc_simulation
+from automcm_spec.model_checking.tla_values import Record
 from automcm_spec.support.bad_input import at_line
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
@@ -219,11 +220,11 @@ class _Steps(Watcher):
         self.states = [itf.ItfState(_values(Track(log.header.station)))]
 
     def step(self, step: InputStep, track: Track) -> None:
-        event = {} if step.event is None else step.event.model_dump(exclude_none=True)
+        event = {} if step.event is None else step.event.model_dump(mode="json", exclude_none=True)
         shown = ("message", "planned", "command", "timer", "raw")
         meta: dict[str, object] = {
             "action": handler(step.input),
-            "args": {name: _frozen(event[name]) for name in shown if name in event},
+            "args": {name: event[name] for name in shown if name in event},
             "rule": step.rule,
             "t_ms": step.t_ms,
             "line": step.at,
@@ -244,12 +245,5 @@ class _Steps(Watcher):
 
 def _values(t: Track) -> dict[str, object]:
     """The variables of a station, named as in Station.tla."""
-    outbox = frozenset(itf.FrozenMap(dict(zip(e._fields, e, strict=True))) for e in t.state.outbox)
+    outbox = frozenset(Record(e._asdict()) for e in t.state.outbox)
     return {**t.state._asdict(), "outbox": outbox}
-
-
-def _frozen(value: object) -> object:
-    """Plain JSON in the form that ITF uses."""
-    if isinstance(value, dict):
-        return {key: _frozen(item) for key, item in value.items()}
-    return [_frozen(item) for item in value] if isinstance(value, list | tuple) else value

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from automcm_cli.main import app
 from automcm_spec.log_format.log import Receive, Send, TimerArm
 from automcm_spec.log_format.reader import read
+from automcm_spec.model_checking.tla_values import Record
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.explain.explain import explain
 from automcm_traces.export import itf
@@ -31,12 +32,12 @@ run = CliRunner()
 def real(value: Any) -> Any:
     """A station of a model, with the ids of the log."""
     match value:
-        case itf.FrozenMap() | dict():
+        case dict():
             fields = {name: real(item) for name, item in value.items()}
             for name in ("to", "target"):
                 if name in fields:
                     fields[name] *= 1001
-            return itf.FrozenMap(fields)
+            return Record(fields)
         case frozenset() if all(isinstance(item, int) for item in value):
             return frozenset(item * 1001 for item in value)
         case frozenset():
@@ -55,7 +56,7 @@ def test_each_station_of_a_counterexample_is_found_again_in_the_itf_of_its_log(m
         stations: list[Any] = [state.values["st"] for state in states]
         wanted = [real(st[station - 1]) for st in stations]
         again = itf.from_itf(json.loads(from_log(read(path))))
-        rest = iter([itf.FrozenMap(dict(state.values)) for state in again])
+        rest = iter([dict(state.values) for state in again])
         changes = [w for w, before in zip(wanted, [None, *wanted], strict=False) if w != before]
         assert all(any(w == state for state in rest) for w in changes), path
 
