@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -14,18 +14,19 @@ from typing import Any
 from pydantic_core import from_json
 
 from automcm_spec.log_format.reader import Log
-from automcm_spec.model_checking import models, tlc_simulation
+from automcm_spec.model_checking import models
 from automcm_spec.model_checking.tla_values import Record
 from automcm_spec.support.bad_input import at_line
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
-from automcm_spec.vocabulary.station import Message, State, Timer
+from automcm_spec.vocabulary.station import Message, State
 from automcm_traces.checker.follow import Watcher, follow
 from automcm_traces.checker.track import CannotTell, InputStep, Track
-from automcm_traces.export import behaviour_to_log, itf, itf_validation
+from automcm_traces.export import behaviour_to_log, itf
 from automcm_traces.export.behaviour_effects import effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
+from automcm_traces.export.itf_validation import ModelState, model_states
 from automcm_traces.system.fates import Arrow
 
 TICK_MS = 100
@@ -119,34 +120,34 @@ def _behaviour(value: object) -> Behaviour:
             f"{model.cfg} has no logs: in {model.module} a station receives messages that "
             "nobody has sent"
         )
-    itf_validation.check(states)
     moves, ticks = [], 0
-    for one, two in pairwise(states):
-        ticks += two.meta["input"] in TICKS
+    for one, two in pairwise(model_states(states)):
+        ticks += two.input in TICKS
         moves.append(_move(one, two, ticks))
     return Behaviour(model.cfg, model.module, model.config, moves)
 
 
-def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
+def _move(one: ModelState, two: ModelState, ticks: int) -> Move:
     before, after = _stations(one), _stations(two)
-    station: Any = two.meta.get("station", 0)
-    value: Any = two.meta["input"]
-    if "clock" not in two.values:
-        given = input_of(value) if station else None
+    station = two.station
+    given = input_of(two.input) if station else None
+    if two.clock is None or one.clock is None:
         return Move(station, given, before, after, _net(one), _net(two))
     at_ms = ticks * TICK_MS
-    behind = {n: ticks * TICK_MS for n, ticks in _lost(two).items()}
+    lost, lost_before = (dict(enumerate(at.lost or (), 1)) for at in (two, one))
+    behind = {n: ticks * TICK_MS for n, ticks in lost.items()}
     if not station:
-        slow = {n for n, ticks in _lost(two).items() if ticks != _lost(one)[n]}
-        cams = tuple(s for s in _cams(one) if s not in slow) if value in TICKS else ()
+        slow = {n for n, ticks in lost.items() if ticks != lost_before[n]}
+        due = [s for s, left in enumerate(one.next or (), 1) if left == 1 and s not in slow]
+        cams = tuple(due) if two.input in TICKS else ()
         return Move(0, None, before, after, at_ms=at_ms, cams=cams, behind_ms=behind)
-    left, was = _clock(two, station), _clock(one, station)
+    left, was = dict(two.clock[station - 1]), dict(one.clock[station - 1])
     now = at_ms - behind.get(station, 0)
     deadlines = {timer: now + ticks * TICK_MS for timer, ticks in left.items()}
     anew = frozenset(t for t in left if t in was and left[t] > was[t])
     return Move(
         station,
-        input_of(value),
+        given,
         before,
         after,
         at_ms=at_ms,
@@ -156,34 +157,12 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
     )
 
 
-def _lost(at: itf.ItfState) -> dict[int, int]:
-    """By station, the ticks that its clock has lost (Drift.tla)."""
-    lost: Any = at.values.get("lost", ())
-    return dict(enumerate(lost, 1))
+def _stations(at: ModelState) -> dict[int, State]:
+    return dict(enumerate(at.st, 1))
 
 
-def _clock(at: itf.ItfState, station: int) -> dict[Timer, int]:
-    """By timer, the ticks until it is due."""
-    clock: Any = at.values["clock"]
-    own = clock[station - 1]
-    items = own.items() if isinstance(own, Mapping) else ()
-    return {tlc_simulation.timer_of(t): left for t, left in items}
-
-
-def _stations(at: itf.ItfState) -> dict[int, State]:
-    stations: Any = at.values["st"]
-    return {n: tlc_simulation.state(value) for n, value in enumerate(stations, 1)}
-
-
-def _net(at: itf.ItfState) -> frozenset[Message]:
-    net: Any = at.values["net"]
-    return frozenset(behaviour_to_log.plain(Message(**m)) for m in net)
-
-
-def _cams(at: itf.ItfState) -> tuple[int, ...]:
-    """The stations that send a CAM at the next tick."""
-    due: Any = at.values["next"]
-    return tuple(s for s, left in enumerate(due, 1) if left == 1)
+def _net(at: ModelState) -> frozenset[Message]:
+    return frozenset(map(behaviour_to_log.plain, at.net))
 
 
 def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:
