@@ -12,7 +12,6 @@ from automcm_spec.log_format.reader import Log
 from automcm_traces.checker.follow import follow
 from automcm_traces.system.fates import FATES
 from automcm_traces.viewer.page_follow import StateHistory, States
-from automcm_traces.viewer.page_pack import Shapes
 
 Json = Any
 DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD = range(8)
@@ -41,9 +40,16 @@ def referred(rows: Json, name: str) -> list[int]:
     return found
 
 
+def unpacked(shapes: Json, value: Json) -> Json:
+    if not isinstance(value, list):
+        return value
+    items = [unpacked(shapes, item) for item in value[1:]]
+    return items if value[0] == -1 else dict(zip(shapes[value[0]], items, strict=True))
+
+
 def events(data: Json) -> list[tuple[int, int, Json]]:
     """What viewer/data.js makes of the rows: station, line and event."""
-    rows, shapes = data["rows"], Shapes(data["shapes"])
+    rows = data["rows"]
     kinds = {"s": "send", "r": "receive", "t": "timer", "c": "command", "i": "indication"}
     lines, found, t_ms = [1] * len(data["logs"]), [], 0
     bodies, hints = referred(rows, "body"), column(rows, "hint")
@@ -57,7 +63,7 @@ def events(data: Json) -> list[tuple[int, int, Json]]:
             "seq": lines[log] - 1,
             "t_ms": t_ms,
             "ev": kinds.get(rows["kinds"][row], "restart"),
-            **shapes.unpack(rows["bodies"][bodies[row]]),
+            **unpacked(data["shapes"], rows["bodies"][bodies[row]]),
         }
         if "deadline" in event:
             event["deadline"] += t_ms

@@ -7,7 +7,7 @@ compared with the logged effects. Events of a kind that the log does not promise
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple, Self
 
 from automcm_spec.log_format.log import (
@@ -67,26 +67,18 @@ NO_OP_CAMS = 1000
 LEASE = PlainTimer(name="lease")
 
 
-class Specification:
-    """The compiled station with a cache of its answers, which is cleared when it is full."""
+@cache
+def specification(*limits: int) -> Callable[[int, State, Input], tuple[Outcome, bool]]:
+    """A function that computes ``Step`` of Station.tla with these limits, and whether the state
+    stays the same. It remembers its last answers, for all logs."""
+    station = Station(*limits)
 
-    def __init__(self, *limits: int) -> None:
-        self._station = Station(*limits)
-        self._answers: dict[tuple[int, State, Input], tuple[Outcome, bool]] = {}
+    @lru_cache(maxsize=REMEMBERED)
+    def answer(me: int, st: State, i: Input) -> tuple[Outcome, bool]:
+        outcome = station.step(me, st, i)
+        return outcome, outcome.st == st
 
-    def answer(self, me: int, st: State, i: Input) -> tuple[Outcome, bool]:
-        """The outcome of ``Step``, and whether the state stays the same."""
-        found = self._answers.get((me, st, i))
-        if found is None:
-            if len(self._answers) >= REMEMBERED:
-                self._answers.clear()
-            outcome = self._station.step(me, st, i)
-            found = self._answers[me, st, i] = outcome, outcome.st == st
-        return found
-
-
-specification = cache(Specification)
-"""The ``Specification`` for these rounds, participants, outbox and memory, shared by all logs."""
+    return answer
 
 
 class NoInput(NamedTuple):
@@ -121,7 +113,7 @@ class Engine:
         self._late_ms = header.longest_delay if late_ms is None else late_ms
         resend = header.t_resend, self._clock_drift
         self.track = Track(header.station, limits_of(p), *resend)
-        self._specification = specification(*self.track.limits)
+        self._answer = specification(*self.track.limits)
         self._shares_track = False
         """Whether a copy may have the same track; it is copied before it changes."""
         self.timers: dict[Timer, Deadline] = {}
@@ -336,7 +328,7 @@ class Engine:
     ) -> InputStep:
         """Begin the step of an input: work out its expected effects."""
         t, value, given = self.track, question.value, question.given
-        found, stays = self._specification.answer(t.me, t.state, value)
+        found, stays = self._answer(t.me, t.state, value)
         step = self.step = InputStep(
             at,
             t_ms,
@@ -565,7 +557,7 @@ class Engine:
             value = timer.name, Entry(type_, 0, UNBOUND, 0, False)
         elif isinstance(timer, ForgetTimer):
             value = timer.name, timer.station or 0
-        return self._specification.answer(t.me, t.state, Expire("expire", value))[0].rule
+        return self._answer(t.me, t.state, Expire("expire", value))[0].rule
 
 
 def _is_taken(event: Event) -> bool:

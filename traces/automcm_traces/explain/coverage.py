@@ -6,7 +6,7 @@ verdict is possible any more, or where it cannot be read.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -34,22 +34,13 @@ Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]
 """A query: station, limits, state, and input; the input is None for the marks of a CAM."""
 
 
-@dataclass(frozen=True)
-class Coverable:
-    """The elements of the specification that logs can cover."""
-
-    rules: tuple[str, ...]
-    """The rules that decide an input."""
-    phases: tuple[str, ...]
-    ways: tuple[str, ...]
-    """``A -> B`` for each pair of phases with a step from A to B."""
-    inputs: tuple[str, ...]
-
-
 @cache
-def possible() -> Coverable:
-    """The elements, from a station with one peer: it has all phases, transitions and kinds of input
-    (tests)."""
+def possible() -> dict[str, tuple[str, ...]]:
+    """The elements of the specification that logs can cover: the rules that decide an input, the
+    phases, the ways ``A -> B`` from phase to phase, the kinds of input, the types of messages.
+
+    They are those of a station with one peer: it has all phases, ways and kinds of input (tests).
+    """
     one = frozenset({1})
     o = OpenStation(2, 1, 5, 2, peers=frozenset({2}), own_sessions=one, peer_sessions=one)
     ways = {
@@ -58,12 +49,14 @@ def possible() -> Coverable:
         if after.st != st or after.arm
     }
     deciding = {c.text for c in reached().rules}
-    return Coverable(
-        tuple(rule for rule in RULES if rule in deciding),
-        tuple(sorted(o.phases)),
-        tuple(sorted(ways)),
-        tuple(sorted({kind(i) for i in o.alphabet})),
-    )
+    return {
+        "rules": tuple(rule for rule in RULES if rule in deciding),
+        "phases": tuple(sorted(o.phases)),
+        "ways": tuple(sorted(ways)),
+        "inputs": tuple(sorted({kind(i) for i in o.alphabet})),
+        "sent": ALL_TYPES,
+        "received": ALL_TYPES,
+    }
 
 
 @dataclass
@@ -75,13 +68,8 @@ class LogCoverage:
     steps: int = 0
     problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
     """File, line, kind and reason for each log that was not counted to its end."""
-    rules: Counter[str] = field(default_factory=Counter)
-    phases: Counter[str] = field(default_factory=Counter)
-    """The phases in which inputs came."""
-    ways: Counter[str] = field(default_factory=Counter)
-    inputs: Counter[str] = field(default_factory=Counter)
-    sent: Counter[str] = field(default_factory=Counter)
-    received: Counter[str] = field(default_factory=Counter)
+    counts: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    """How often each of the ``possible`` elements was seen; a phase, when an input came in it."""
     _conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
     _pending: Counter[Question] = field(default_factory=Counter)
     """The counts of the queries that have not been evaluated yet."""
@@ -127,14 +115,9 @@ class LogCoverage:
 
     def tables(self) -> dict[str, dict[str, int]]:
         """The tables by name: how often each possible element was seen, 0 for never."""
-        all_ = possible()
         return {
-            "rules": {rule: self.rules[rule] for rule in all_.rules},
-            "phases": {phase: self.phases[phase] for phase in all_.phases},
-            "ways": {way: self.ways[way] for way in all_.ways},
-            "inputs": {what: self.inputs[what] for what in all_.inputs},
-            "sent": {type_: self.sent[type_] for type_ in ALL_TYPES},
-            "received": {type_: self.received[type_] for type_ in ALL_TYPES},
+            name: {element: self.counts[name][element] for element in elements}
+            for name, elements in possible().items()
         }
 
     def as_dict(self) -> dict[str, object]:
@@ -173,18 +156,18 @@ class _Counter(Watcher):
     def _message(self, event: Event) -> None:
         self._events += 1
         if isinstance(event, Send):
-            self._c.sent[str(event.message["type"])] += 1
+            self._c.counts["sent"][str(event.message["type"])] += 1
         elif isinstance(event, Receive) and event.message is not None:
-            self._c.received[str(event.message["type"])] += 1
+            self._c.counts["received"][str(event.message["type"])] += 1
 
     def step(self, step: InputStep, track: Track) -> None:
         was, self._before = self._before, track.state
         self._c.steps += 1
-        self._c.rules[step.rule] += 1
-        self._c.phases[was.phase] += 1
-        self._c.inputs[kind(step.input)] += 1
+        self._c.counts["rules"][step.rule] += 1
+        self._c.counts["phases"][was.phase] += 1
+        self._c.counts["inputs"][kind(step.input)] += 1
         if step.changes:
-            self._c.ways[f"{was.phase} -> {track.state.phase}"] += 1
+            self._c.counts["ways"][f"{was.phase} -> {track.state.phase}"] += 1
         self._c.count(track, was, step.input)
 
 

@@ -55,12 +55,6 @@ class TableRow:
         """The kind of row."""
         return "note" if self.event is None else kind(self.event)
 
-    @property
-    def full_text(self) -> str:
-        """The text of the row, the notes first."""
-        text = safe(self.text) if self.event is None else summary(self.event)
-        return " ".join([*self.notes, text])
-
 
 class Logs:
     """The logs of one run, as one table.

@@ -61,14 +61,6 @@ class Shapes:
             return [-1, *[v if type(v) in PLAIN else self.pack(v) for v in value]]
         return value
 
-    def unpack(self, packed: Json) -> Json:
-        """The inverse of ``pack``."""
-        if not isinstance(packed, list):
-            return packed
-        if packed[0] == -1:
-            return [self.unpack(v) for v in packed[1:]]
-        return dict(zip(self.keys[packed[0]], map(self.unpack, packed[1:]), strict=True))
-
 
 def compact(value: Json) -> str:
     """JSON without spaces, in ASCII, that cannot end a ``<script>``."""

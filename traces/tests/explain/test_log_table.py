@@ -80,7 +80,8 @@ def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
 
 def test_msg_1_what_is_overheard_is_marked(tmp_path: Path) -> None:
     path = log(tmp_path, 9, event("receive", tx="7:1", message=fin(7, 8)))
-    assert rows(path)[0].full_text == "for 8 <- Fin 7 7/1#1"
+    row = rows(path)[0].as_dict()
+    assert (row["notes"], row["text"]) == (["for 8"], "<- Fin 7 7/1#1")
 
 
 def test_columns_of_two_stations(tmp_path: Path) -> None:
@@ -114,7 +115,7 @@ def test_the_end_a_gap_and_a_line_that_cannot_be_read_are_rows(tmp_path: Path) -
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([*lines[:2], lines[3], "rubbish\n"]))
     shown = FilteredRows(Logs([path]), Filter())
-    words = [row.full_text for row in shown]
+    words = [" ".join([*row.notes, row.as_dict()["text"]]) for row in shown]
     assert words[1].startswith("-- seq: 3 after 1, expected 2: 1 missing")
     assert words[3].startswith("-- UNREADABLE: not JSON") and not shown.good
 

@@ -167,7 +167,9 @@ def test_what_was_accepted_too_is_delivered() -> None:
 def test_datagrams_rejected_for_the_same_reason_fold(tmp_path: Path) -> None:
     sent = [("2:1", "stale")] * 4 + [("3:1", "stale")] + [("3:1", "early")]
     rows = FilteredRows(Logs([log(tmp_path, *sent)]), Filter())
-    assert [(row.full_text, n) for row, _, n in folds(rows)][:-1] == [
+    assert [(" ".join([*row.notes, row.as_dict()["text"]]), n) for row, _, n in folds(rows)][
+        :-1
+    ] == [
         ("<- rejected 2 stale", 4),
         ("<- rejected 3 stale", 1),
         ("<- rejected 3 early", 1),

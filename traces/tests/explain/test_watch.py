@@ -89,7 +89,7 @@ def held(root: object) -> int:
         if id(one) in seen or isinstance(one, type) or type(one).__name__ in NOT_HELD:
             continue
         seen[id(one)] = one
-        if type(one).__name__ != "Specification":  # one cache for all logs, limited itself
+        if type(one).__name__ != "_lru_cache_wrapper":  # one cache for all logs, limited itself
             left += gc.get_referents(one)
     return len(seen)
 
