@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,7 +60,6 @@ def explain(
             verdicts, system = explain_.verdicts_together(found)
         else:
             verdicts, system = explain_.verdicts(found), None
-        gc.freeze()  # the logs are kept until the end
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))

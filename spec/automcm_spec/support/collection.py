@@ -17,4 +17,6 @@ def uncollected() -> Iterator[None]:
         yield
     finally:
         if was:
+            gc.freeze()
+            gc.unfreeze()  # what was made meanwhile counts as old, and is not visited at once
             gc.enable()
