@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from statistics import fmean as mean
 
@@ -58,12 +58,7 @@ def four_messages(loss: float, t_timeout: int) -> float:
     return float(pair**2)
 
 
-MODELS: dict[str, Callable[[float, int], float]] = {
-    "eq2": eq2,
-    "one_message": one_message,
-    "three_exchanges": three_exchanges,
-    "four_messages": four_messages,
-}
+MODELS = {of.__name__: of for of in (eq2, one_message, three_exchanges, four_messages)}
 NAMES = {
     "eq2": "Eq. 2 as printed",
     "one_message": "one message in N sendings",
