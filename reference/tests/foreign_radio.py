@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from foreign_checks import run
 
-from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured
+from automcm_evaluation.radio.radio_traffic import measured, ns3_measured
 from automcm_simulation.radio.ns3_radio import SEEDS, Ns3Radio
 from automcm_simulation.radio.propagation import airtime_us
 from automcm_spec.support.extras import missing
@@ -24,7 +24,7 @@ def a_committed_measurement_is_repeated() -> None:
     known = next(m for m in ns3_measured() if m.traffic.name == NAME)
     radio = Ns3Radio(known.traffic.seed)
     try:
-        found = measured(known.traffic, drive(radio, known.traffic))
+        found = measured(radio, known.traffic)
     finally:
         radio.close()
     assert found == known, [

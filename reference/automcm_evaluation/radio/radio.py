@@ -13,7 +13,7 @@ from automcm_evaluation.arrival.arrival import ArrivalSetting
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
-from automcm_evaluation.radio.radio_traffic import drive, measured, ns3_measured, pooled
+from automcm_evaluation.radio.radio_traffic import measured, ns3_measured, pooled
 from automcm_simulation.radio.table_radio import TableRadio
 
 BLOCK = 50
@@ -77,7 +77,7 @@ def _fit(values: Values, seed: int) -> Values:
     parts = []
     for n in range(values["seeds"]):
         own = TableRadio(traffic.seed if n == 0 else seed % 2**31 + n)  # the first: as in ns-3
-        parts.append(measured(traffic, drive(own, traffic)))
+        parts.append(measured(own, traffic))
     found: dict[str, Any] = pooled(parts).model_dump(mode="json")
     return {"busy": found["busy"], "rows": found["rows"]}
 

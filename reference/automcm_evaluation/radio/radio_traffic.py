@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from automcm_simulation.radio.propagation import Propagation
 from automcm_simulation.radio.radio import Arrival, RadioModel
 
+Array = np.ndarray[Any, np.dtype[Any]]
 STEP_MS = 100
 WARM_MS = 1000
 """Before it, nothing is counted: nobody has measured a load."""
@@ -96,22 +96,6 @@ def ns3_measured() -> list[Measured]:
     return MEASUREMENTS.validate_json(NS3.read_bytes())
 
 
-@dataclass
-class Course:
-    """All frames of a run, and the vehicles at each step."""
-
-    step: np.ndarray[tuple[int], np.dtype[np.intp]]
-    sender: np.ndarray[tuple[int], np.dtype[np.intp]]
-    size: np.ndarray[tuple[int], np.dtype[np.intp]]
-    """An index into ``FourLanes.size_bytes``."""
-    hits: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
-    """By frame and receiver."""
-    distance_m: np.ndarray[tuple[int, int, int], np.dtype[np.float32]]
-    """By step, sender and receiver."""
-    busy: np.ndarray[tuple[int, int], np.dtype[np.float32]]
-    """The channel busy ratio by step and receiver."""
-
-
 def positions(traffic: FourLanes) -> Iterator[dict[int, tuple[float, float]]]:
     """Of each step; a vehicle that leaves the road enters it again at the other end."""
     random = np.random.default_rng((traffic.seed, 9))
@@ -126,8 +110,13 @@ def positions(traffic: FourLanes) -> Iterator[dict[int, tuple[float, float]]]:
         x = (x + speed * STEP_MS / 1000) % road
 
 
-def drive(radio: MeasuredRadio, traffic: FourLanes) -> Course:
-    """Run the traffic over a radio."""
+def _drive(radio: MeasuredRadio, traffic: FourLanes) -> tuple[Array, Array, Array, Array]:
+    """Run the traffic over a radio.
+
+    Returns the frames, of step, sender and index into ``size_bytes``; whether they arrived, by
+    frame and receiver; the distances in m by step, sender and receiver; and the channel busy
+    ratios by step and receiver.
+    """
     random = np.random.default_rng((traffic.seed, 8))
     n = traffic.vehicles
     phase = random.integers(traffic.period_ms, size=n)
@@ -154,27 +143,22 @@ def drive(radio: MeasuredRadio, traffic: FourLanes) -> Course:
     hits = np.zeros((len(sent), n), dtype=np.bool_)
     for _, frame, receivers in received:
         hits[frame, np.array(receivers) - 1] = True
-    return Course(
-        step=frames[:, 0],
-        sender=frames[:, 1],
-        size=frames[:, 2],
-        hits=hits,
-        distance_m=np.array(distances),
-        busy=np.array(busy, dtype=np.float32),
-    )
+    return frames, hits, np.array(distances), np.array(busy, dtype=np.float32)
 
 
-def measured(traffic: FourLanes, course: Course) -> Measured:
-    """What arrived by distance, of the frames after WARM_MS."""
+def measured(radio: MeasuredRadio, traffic: FourLanes) -> Measured:
+    """What arrives over a radio by distance, of the frames after WARM_MS."""
+    frames, hits, distance_m, ratios = _drive(radio, traffic)
+    step, senders, size = frames.T
     bins = REACH_M // WIDTH_M + 1
     counts = np.zeros((6, bins), dtype=np.int64)
-    kept = (course.step >= WARM_MS // STEP_MS) & (course.size == 0)
+    kept = (step >= WARM_MS // STEP_MS) & (size == 0)
     for sender in range(traffic.vehicles):
-        (own,) = np.nonzero(kept & (course.sender == sender))
-        apart = np.delete(course.distance_m[course.step[own], sender], sender, axis=1)
+        (own,) = np.nonzero(kept & (senders == sender))
+        apart = np.delete(distance_m[step[own], sender], sender, axis=1)
         place = np.floor(apart / WIDTH_M + 0.5).astype(np.intp)
         place[place >= bins] = 0  # row 0 is not reported
-        lost = ~np.delete(course.hits[own], sender, axis=1)
+        lost = ~np.delete(hits[own], sender, axis=1)
         begins = np.concatenate([lost[:1], lost[1:] & ~lost[:-1]])
         long = begins[: 1 - LONG].copy()
         for more in range(1, LONG):
@@ -189,7 +173,7 @@ def measured(traffic: FourLanes, course: Course) -> Measured:
         for bin_, c in enumerate(counts.T)
         if bin_ and c[0]
     ]
-    busy = float(course.busy[WARM_MS // STEP_MS :].mean())
+    busy = float(ratios[WARM_MS // STEP_MS :].mean())
     return Measured(traffic=traffic, busy=round(busy, 4), rows=rows)
 
 

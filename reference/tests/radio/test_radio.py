@@ -11,7 +11,6 @@ from automcm_evaluation.radio import radio_tables
 from automcm_evaluation.radio.radio_traffic import (
     FourLanes,
     Measured,
-    drive,
     measured,
     ns3_measured,
     pooled,
@@ -155,7 +154,7 @@ def fits(ns3: Measured, table: Measured) -> dict[str, float | None]:
 
 
 def over_table(traffic: FourLanes, seeds: int = 1) -> Measured:
-    parts = [measured(traffic, drive(TableRadio(traffic.seed + n), traffic)) for n in range(seeds)]
+    parts = [measured(TableRadio(traffic.seed + n), traffic) for n in range(seeds)]
     return pooled(parts)
 
 
