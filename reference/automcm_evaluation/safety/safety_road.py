@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
 from automcm_evaluation.safety.faults import CUTS, Roles, drawn, inject
 from automcm_simulation.road.drive import STEP_MS, FourVehicles, SimulatedDrive
-from automcm_simulation.road.hazard_measures import MeasuredHazard, Watched, bound_ms, met
+from automcm_simulation.road.hazard_measures import Watched, bound_ms, met
 from automcm_simulation.road.road import Sample
 
 ROLES = Roles(prescriber=1, target=3)
@@ -60,35 +59,19 @@ def run(values: Values, seeds: Sequence[int]) -> Values:
     drives = [drive(values, seed) for seed in seeds]
     b = bound_ms(ablation.parameters, values["delay_ms"])
     measured = {
-        name: [None if (m := getattr(d, name)) is None else round(m, 2) for d in drives]
+        name: [None if d[name] is None else round(d[name], 2) for d in drives]
         for name in ("room_m", "gap_m", "ttc_s", "braking")
     }
-    counts = {name: sum(getattr(d, name) for d in drives) for name in ("begun", "unasked")}
-    return met(seeds, [d.hazards for d in drives], b) | measured | counts
+    counts = {name: sum(d[name] for d in drives) for name in ("begun", "unasked")}
+    return met(seeds, [d["hazards"] for d in drives], b) | measured | counts
 
 
-@dataclass(frozen=True, slots=True)
-class SafetyDrive:
-    """The outcome of one drive."""
-
-    room_m: float | None
-    """Distance along the road to the nearest vehicle of the other lane, bumper to bumper, at the
-    beginning of the lane change; negative if they are abreast."""
-    gap_m: float | None
-    """Least distance, bumper to bumper, of the prescriber to another; negative if they overlap."""
-    ttc_s: float | None
-    """Least time to collision; None if no vehicles approached each other."""
-    braking: float
-    """Hardest deceleration of a receiver, m/s²."""
-    hazards: list[MeasuredHazard]
-    begun: bool
-    """Whether it changed lanes during a hazard."""
-    unasked: bool
-    """Whether it changed lanes without an agreement."""
-
-
-def drive(values: Values, seed: int, logs: Path | None = None) -> SafetyDrive:
+def drive(values: Values, seed: int, logs: Path | None = None) -> Values:
     """One drive: a fault that begins in the given one of WINDOWS_MS, and loss.
+
+    The results are the distances of ``nearest``, the hardest ``braking`` of a receiver (m/s²), the
+    ``hazards``, and whether it changed lanes during one (``begun``) or ``unasked``: without an
+    agreement.
 
     A target that is committed at the beginning of the lane change follows the prescriber from then
     on; all other vehicles notice it late (road.Late).
@@ -129,7 +112,7 @@ def _informed(made: SimulatedDrive, watched: Watched) -> None:
     watched.clock.at(0, look)
 
 
-def _driven(made: SimulatedDrive, watched: Watched) -> SafetyDrive:
+def _driven(made: SimulatedDrive, watched: Watched) -> Values:
     prescriber = made.drivers[0]
     samples = made.road.samples
     room, gap, ttc = nearest(samples, prescriber.vehicle)
@@ -141,7 +124,8 @@ def _driven(made: SimulatedDrive, watched: Watched) -> SafetyDrive:
     own = prescriber.vehicle.station_id
     hardest = -min(s.acceleration for s in samples if s.station_id != own)
     unasked = room is not None and not watched.agreed
-    return SafetyDrive(room, gap, ttc, hardest, hazards, begun, unasked)
+    found = {"room_m": room, "gap_m": gap, "ttc_s": ttc, "braking": hardest}
+    return found | {"hazards": hazards, "begun": begun, "unasked": unasked}
 
 
 def nearest(
