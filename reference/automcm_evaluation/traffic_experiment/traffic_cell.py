@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Annotated
 
 from pydantic import AfterValidator
@@ -72,19 +73,12 @@ def run(values: Values, seed: int) -> Values:
     lanes = LaneChangeCounter()
     try:
         with scratch.folder("traffic") as folder:
-            mover = SumoMover(
-                users,
-                scenario.network,
-                folder,
-                setting.seed,
-                cooperative=0.0 if variant == "none" else 1.0,
-            )
-            try:
+            patience = 0.0 if variant == "none" else 1.0
+            made = SumoMover(users, scenario.network, folder, setting.seed, cooperative=patience)
+            with closing(made) as mover:
                 traffic = Traffic(scenario, setting, mover, users, radio, observe=lanes.look)
                 traffic.run()
                 return _result(traffic) | {"lane_changes": lanes.changes}
-            finally:
-                mover.close()
     except TrafficError as error:
         raise ExperimentError(str(error)) from None
 

@@ -9,6 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import typer
+from typer.cli import get_docs_for_click
+from typer.main import get_command
+
+from automcm_cli.shared.common import CODES
 from automcm_cli.spec.model_output import checks
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.model_checking import models
@@ -17,6 +22,10 @@ from automcm_spec.support import markdown
 RESULTS = ROOT / "docs" / "evaluation"
 FAULTS = ROOT / "conformance" / "faults.json"
 """The results of ``make test-faults``."""
+_CODE_OR_MARK = re.compile(r"(`[^`]*`|\*\*|^\*)|[<*]", re.MULTILINE)
+"""Code and marks of Markdown, or a character that would be taken for one."""
+
+_EXAMPLE = re.compile(r"^Example: (.+?)\.(?:  (.+))?$", re.MULTILINE)
 
 
 def pages() -> dict[str, Callable[[], str]]:
@@ -25,14 +34,14 @@ def pages() -> dict[str, Callable[[], str]]:
     from automcm_evaluation.sweeps.catalogue import NAMES
     from automcm_maintenance.code_mutation import certificate_page
     from automcm_maintenance.corpus import corpus_page
-    from automcm_maintenance.documents import citations, cli_page
+    from automcm_maintenance.documents import citations
     from automcm_maintenance.spec_mutation import mutant_results
 
     details = {
         f"evaluation/{name}/{report.PAGE}": partial(_details, RESULTS / name / report.RESULTS)
         for name in NAMES
     }
-    commands = {name: partial(str, text) for name, text in cli_page.texts().items()}
+    commands = {name: partial(str, text) for name, text in _commands().items()}
     return {
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         **commands,
@@ -44,6 +53,26 @@ def pages() -> dict[str, Callable[[], str]]:
         "rule-coverage.md": lambda: citations.table(ROOT),
         **details,
     }
+
+
+def _commands() -> dict[str, str]:
+    """The pages by name: one for each group of commands, and one of the others."""
+    from automcm_cli.main import app
+
+    main: Any = get_command(app)
+    context = typer.Context(main)
+    pages, single = {}, []
+    for name, command in sorted(main.commands.items()):
+        text = get_docs_for_click(obj=command, ctx=context, name=name, call_prefix="automcm")
+        text = _CODE_OR_MARK.sub(lambda m: m[1] or {"<": "&lt;", "*": r"\*"}[m[0]], text)
+        text = _EXAMPLE.sub(lambda m: f"Example:\n\n    {m[1]}\n\n{m[2] or ''}", text)
+        if hasattr(command, "commands"):
+            pages[f"cli-{name}.md"] = text
+        else:
+            single.append(text.replace("# ", "## ", 1))
+    groups = [page.removeprefix("cli-").removesuffix(".md") for page in pages]
+    main_page = markdown.page(PAGES / "cli.md.j2", codes=CODES, groups=groups, commands=single)
+    return {"cli.md": main_page} | pages
 
 
 def faults_page(found: dict[str, Any]) -> str:
