@@ -31,7 +31,6 @@ from automcm_conformance.suite.tally import (
     ENOUGH,
     WHOLE,
     PairPart,
-    PartRun,
     Tally,
     TourInProgress,
 )
@@ -190,23 +189,23 @@ class Runner:
         """Test these pairs of a graph. Their time is shared by the cases they belong to."""
         before = {name: tally.reached for name, tally in self.tallies.items()}
         started = monotonic()
-        run = self.plan(part, answers, owners)
-        self.tour(run)
-        run.tours.end()
+        self.plan(part, answers, owners)
+        self.tour(part)
+        part.tours.end()
         driven = {n: tally.reached - before[n] for n, tally in self.tallies.items()}
         each = (monotonic() - started) / max(1, sum(driven.values()))
         for name, pairs in driven.items():
             self.case_seconds[name] = self.case_seconds.get(name, 0.0) + pairs * each
 
-    def plan(self, part: PairPart, answers: Iterable[OracleAnswer], owners: Owners) -> PartRun:
-        """The pairs that are to be driven; the others are counted as skipped."""
+    def plan(self, part: PairPart, answers: Iterable[OracleAnswer], owners: Owners) -> None:
+        """Plan tours over the pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
-        oracle = part.oracle
+        part.owners, oracle = owners, part.oracle
         unfit = self.unfit(oracle)
         missing_feature = [self.missing_feature(value) for value in oracle.inputs]
         targets = []
         for answer in answers:
-            tally = self._tally(part, owners, answer)
+            tally = self._tally(part, answer)
             if tally is None:
                 continue
             part.totals["transitions" if answer.changes else "refusals"] += 1
@@ -228,7 +227,7 @@ class Runner:
 
         def disturbs(state: int, i: int) -> bool:
             answer = oracle.answer(state, i)
-            known = answer is not None and self._tally(part, owners, answer) is not None
+            known = answer is not None and self._tally(part, answer) is not None
             return known and allowed(state, i)
 
         tours = part.tours = Tours.over(oracle, targets, allowed, disturbs, self.seed)
@@ -236,39 +235,39 @@ class Runner:
             for i in list(tours.left[state]):
                 self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1
                 tours.done((state, i))
-        return PartRun(part, owners, tours, len(targets))
+        part.planned = len(targets)
 
-    def tour(self, run: PartRun) -> None:
+    def tour(self, part: PairPart) -> None:
         """Test the planned pairs, as far as possible."""
-        part, tours = run.part, run.tours
+        tours = part.tours
         while not self.cut_short and part.name not in self.stuck:
             tour = tours.next()
-            if tour is None and not run.unsent and not run.sent:
+            if tour is None and not part.unsent and not part.sent:
                 break
             if tour is not None:
-                self._start(run, tour)
+                self._start(part, tour)
                 self.adapter.pump()
                 if self.adapter.slowness:
-                    self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
-            if tour is None or run.lines >= BULK:
-                self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
-                self._judge_sent(run)
+                    self.notify(f"{part.name}: {part.reached.total():,} of {part.planned:,}")
+            if tour is None or part.lines >= BULK:
+                self.notify(f"{part.name}: {part.reached.total():,} of {part.planned:,}")
+                self._judge_sent(part)
         if self.ended:  # what was sent is judged, too
-            run.unsent = []
-            self._judge_sent(run)
+            part.unsent = []
+            self._judge_sent(part)
         if part.name in self.stuck:
             self.adapter.renew()
         if self.cut_short or part.name in self.stuck:
             return
-        tours.usable(run.attempts)
+        tours.usable(part.attempts)
         for state in [state for state in tours.left if tours.path(state) is not None]:
             for i in list(tours.left[state]):
                 self._forbidden(part, tours.done((state, i)))
 
-    def _tally(self, part: PairPart, owners: Owners, answer: OracleAnswer) -> Tally | None:
+    def _tally(self, part: PairPart, answer: OracleAnswer) -> Tally | None:
         """The case of a pair, if it is part of the run."""
         state, i = part.oracle.states[answer.state], part.oracle.inputs[answer.input]
-        owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
+        owner = part.owners.owner(state, i, answer.effect, answer.changes, part.third)
         return None if owner is None else self.tallies.get(owner.id)
 
     def unfit(self, oracle: Oracle) -> str:
@@ -314,40 +313,40 @@ class Runner:
 
     # -- driving them
 
-    def _start(self, run: PartRun, tour: list[int]) -> None:
+    def _start(self, part: PairPart, tour: list[int]) -> None:
         """Play another tour. Its lines are written together with those of other tours, if
         possible."""
-        lease = LEASES[run.attempts.total() % len(LEASES)]
-        values = VALUES[run.started % len(VALUES)]
-        soonest = tuple(LONG)[run.started % len(LONG)]
-        run.started += 1
-        x = self.exchange(run.part.oracle, values=values, predict=self.predict, logged=False)
+        lease = LEASES[part.attempts.total() % len(LEASES)]
+        values = VALUES[part.started % len(VALUES)]
+        soonest = tuple(LONG)[part.started % len(LONG)]
+        part.started += 1
+        x = self.exchange(part.oracle, values=values, predict=self.predict, logged=False)
         active = TourInProgress(x, tour, lease, values, soonest)
         try:
             active.off = play(x, tour, self.timed, lease, soonest)
             if x.begun:
                 x.flush()
         except (Wrong, Unpredicted) as error:
-            self._finish(run, active, error)
+            self._finish(part, active, error)
             return
         if x.begun:
-            self._finish(run, active)
+            self._finish(part, active)
         else:
-            run.unsent.append(active)
+            part.unsent.append(active)
 
-    def _judge_sent(self, run: PartRun) -> None:
+    def _judge_sent(self, part: PairPart) -> None:
         """Read the answers to the tours that were sent, send those that wait, and judge the first
         while the station answers the second."""
-        answered, run.sent, run.unsent = run.sent, run.unsent, []
+        answered, part.sent, part.unsent = part.sent, part.unsent, []
         broken: AdapterError | None = None
         ended: tuple[TourInProgress, int] | None = None
         try:
             answers = self.adapter.answers()
         except AdapterError as error:
             answers, broken = error.answers, error
-        if run.sent:
-            self.adapter.send([line for f in run.sent for line in f.x.unwritten_lines])
-        run.tours.mark_sent()
+        if part.sent:
+            self.adapter.send([line for f in part.sent for line in f.x.unwritten_lines])
+        part.tours.mark_sent()
         for active in answered:
             asked = len(active.x.unwritten_steps)
             mine, answers = answers[:asked], answers[asked:]
@@ -355,23 +354,23 @@ class Runner:
                 break  # the process was renewed meanwhile; it is played again
             try:
                 if len(mine) < asked and broken is not None and broken.kind in CRASHES:
-                    active = self._singly(run, active)
+                    active = self._singly(part, active)
                     ended = ended or (active, len(mine))
                 else:
                     active.x.answered(mine, broken if len(mine) < asked else None)
             except (Wrong, Unpredicted) as wrong:
-                self._finish(run, active, wrong)
+                self._finish(part, active, wrong)
                 break  # what follows was not played, or may be out of step; it is played again
-            self._finish(run, active)
+            self._finish(part, active)
         else:
             if broken is not None and ended is not None:
-                self._ended_unrepeated(run, *ended, broken)
+                self._ended_unrepeated(part, *ended, broken)
             elif broken is not None:
                 text = f"{broken}; the same lines, sent one by one, do not end it"
                 self.adapter.problems.append(text)
 
     def _ended_unrepeated(
-        self, run: PartRun, active: TourInProgress, answered: int, broken: AdapterError
+        self, part: PairPart, active: TourInProgress, answered: int, broken: AdapterError
     ) -> None:
         """Blame the end of a used process at a tour that does not end a fresh one."""
         done = active.x.done
@@ -381,15 +380,15 @@ class Runner:
             self.adapter.problems.append(f"{broken}; a fresh process does not end")
             return
         steps = [*done[:answered], replace(done[min(answered, len(done) - 1)], answer=b"")]
-        self._blame(run, pairs[-1], Broken(steps, broken), unconfirmed=KEPT)
+        self._blame(part, pairs[-1], Broken(steps, broken), unconfirmed=KEPT)
 
-    def _singly(self, run: PartRun, active: TourInProgress) -> TourInProgress:
+    def _singly(self, part: PairPart, active: TourInProgress) -> TourInProgress:
         """Play a tour again line by line in a fresh process: an adapter that reads many lines
         before it answers does not show which one it crashed at. Raises Mismatch and Broken."""
         counts = self.adapter.broken, self.adapter.hung
         self.adapter.renew()
         values, link = active.values, LineByLine(self.adapter)
-        active.x = self.exchange(run.part.oracle, values=values, logged=False, link=link)
+        active.x = self.exchange(part.oracle, values=values, logged=False, link=link)
         try:
             active.off = play(active.x, active.tour, self.timed, active.lease, active.soonest)
             active.x.flush()
@@ -398,21 +397,21 @@ class Runner:
         return active
 
     def _finish(
-        self, run: PartRun, active: TourInProgress, error: Wrong | Unpredicted | None = None
+        self, part: PairPart, active: TourInProgress, error: Wrong | Unpredicted | None = None
     ) -> None:
         """Finish a tour. A wrong answer is confirmed, blamed on a case, and its pair avoided."""
-        tours, x = run.tours, active.x
-        self._credit(run.part, tours, x.done)
+        tours, x = part.tours, active.x
+        self._credit(part, x.done)
         if error is not None:
             tours.forget_plans()
         if isinstance(error, Unpredicted):
             self.predict = False
         elif error is not None:
-            self._wrong(run, active, error)
+            self._wrong(part, active, error)
         elif active.off is not None:
-            run.attempts[active.off] += 1
-            if run.attempts[active.off] >= ATTEMPTS:
-                self._forbidden(run.part, tours.avoid(active.off))
+            part.attempts[active.off] += 1
+            if part.attempts[active.off] >= ATTEMPTS:
+                self._forbidden(part, tours.avoid(active.off))
 
     def _forbidden(self, part: PairPart, case: str | None) -> None:
         """Count a pair that time does not allow."""
@@ -420,10 +419,10 @@ class Runner:
             part.forbidden += 1
             self.tallies[case].forbidden += 1
 
-    def _credit(self, part: PairPart, tours: Tours, steps: Iterable[Step]) -> None:
+    def _credit(self, part: PairPart, steps: Iterable[Step]) -> None:
         for step in steps:
             for pair in step.pairs:
-                case = tours.done(pair)
+                case = part.tours.done(pair)
                 if case is not None:
                     self._reached(part, case, pair)
 
@@ -436,9 +435,9 @@ class Runner:
 
     # -- wrong answers
 
-    def _wrong(self, run: PartRun, active: TourInProgress, error: Wrong) -> None:
+    def _wrong(self, part: PairPart, active: TourInProgress, error: Wrong) -> None:
         """Find the shortest exchange that fails in the same way, and the case it belongs to."""
-        part, tours, tour = run.part, run.tours, active.tour
+        tours, tour = part.tours, active.tour
         self.resynchronize(error)
         self.hung(part, error)
         before = self.adapter.broken
@@ -446,7 +445,7 @@ class Runner:
         inputs = tour[: place + 1]
         states = part.oracle.way(inputs[:-1])
         seen: Pair = (states[place], tour[place])
-        tally = self._tally(part, run.owners, part.oracle.given(*seen))
+        tally = self._tally(part, part.oracle.given(*seen))
         if tally is not None:
             tally.hits += 1
             if tally.decided:
@@ -485,7 +484,7 @@ class Runner:
             if not hangs:
                 error, unconfirmed = self.confirmed(tally, error, repeated=False)
             case = tours.avoid(seen)
-            self._blame(run, seen, error, unconfirmed=unconfirmed)
+            self._blame(part, seen, error, unconfirmed=unconfirmed)
             if case is not None:
                 self._reached(part, case, seen)
             return
@@ -497,7 +496,7 @@ class Runner:
             if near is not None and near is not short:
                 inputs, error = near
                 culprit, why = self._culprit(part, inputs, error, True)
-        blamed = self._tally(part, run.owners, part.oracle.given(*culprit))
+        blamed = self._tally(part, part.oracle.given(*culprit))
         error, unconfirmed = self.confirmed(blamed, error, repeated=True)
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
             tours.avoid(seen)
@@ -505,7 +504,7 @@ class Runner:
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(run, culprit, error, why, unconfirmed=unconfirmed)
+        self._blame(part, culprit, error, why, unconfirmed=unconfirmed)
 
     def hung(self, part: PairPart, error: Wrong) -> None:
         """Count a hang, which takes the whole limit of an answer: the last one ends the part."""
@@ -558,10 +557,9 @@ class Runner:
         return last, ""
 
     def _blame(
-        self, run: PartRun, pair: Pair, error: Wrong, why: str = "", *, unconfirmed: str = ""
+        self, part: PairPart, pair: Pair, error: Wrong, why: str = "", *, unconfirmed: str = ""
     ) -> None:
-        part = run.part
-        tally = self._tally(part, run.owners, part.oracle.given(*pair))
+        tally = self._tally(part, part.oracle.given(*pair))
         if isinstance(error, Mismatch) and error.parts == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
@@ -572,7 +570,7 @@ class Runner:
         if len(tally.faults) < ENOUGH:
             tally.faults.append(fault)
         if tally.decided:
-            run.tours.drop(tally.purpose.id)
+            part.tours.drop(tally.purpose.id)
 
     def labelled(
         self,

@@ -91,7 +91,7 @@ def samples(runner: Runner, folder: Path) -> None:
 
 
 def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Path) -> None:
-    way = part.tours.path(pair[0]) if part.tours is not None else None
+    way = part.tours.path(pair[0])
     if way is None:
         return
     runs: list[list[Step]] = []

@@ -20,7 +20,7 @@ ENOUGH = 3
 
 @dataclass(slots=True)
 class PairPart:
-    """Some pairs of one graph."""
+    """Some pairs of one graph, and the tours over them."""
 
     name: str
     oracle: Oracle
@@ -30,7 +30,20 @@ class PairPart:
     reached: Counter[str] = field(default_factory=Counter)
     forbidden: int = 0
     """Pairs that time does not allow with the parameters (without ``durations``)."""
-    tours: Tours | None = None
+    owners: Owners = field(init=False)
+    tours: Tours = field(init=False)
+    planned: int = 0
+    started: int = 0
+    unsent: list[TourInProgress] = field(default_factory=list)
+    """Tours whose lines are not sent yet."""
+    sent: list[TourInProgress] = field(default_factory=list)
+    """Tours whose lines the station is answering."""
+    attempts: Counter[Pair] = field(default_factory=Counter)
+
+    @property
+    def lines(self) -> int:
+        """The number of lines that are not sent yet."""
+        return sum(len(active.x.unwritten_steps) for active in self.unsent)
 
 
 @dataclass(slots=True)
@@ -75,24 +88,3 @@ class TourInProgress:
     soonest: str
     off: Pair | None = None
     """The pair that time does not allow; the tour ends there."""
-
-
-@dataclass(slots=True)
-class PartRun:
-    """The tours over one part, in a run."""
-
-    part: PairPart
-    owners: Owners
-    tours: Tours
-    planned: int
-    started: int = 0
-    unsent: list[TourInProgress] = field(default_factory=list)
-    """Tours whose lines are not sent yet."""
-    sent: list[TourInProgress] = field(default_factory=list)
-    """Tours whose lines the station is answering."""
-    attempts: Counter[Pair] = field(default_factory=Counter)
-
-    @property
-    def lines(self) -> int:
-        """The number of lines that are not sent yet."""
-        return sum(len(active.x.unwritten_steps) for active in self.unsent)

@@ -67,9 +67,10 @@ def checked(command: Sequence[str]) -> Bulks:
     adapter = SentLines(command)
     runner = Runner(adapter, purposes, 1, lambda text: None)
     everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
-    drive = runner.plan(PairPart("bench", oracle), everything, Owners(purposes))
+    part = PairPart("bench", oracle)
+    runner.plan(part, everything, Owners(purposes))
     with uncollected():
-        runner.tour(drive)
+        runner.tour(part)
     adapter.stop()
     assert not any(tally.faults for tally in runner.tallies.values())
     return adapter.bulks
