@@ -67,8 +67,6 @@ class Monitor:
         self.id = station
         self.deadline: int | None = None
         """The deadline in ms that the station reported last."""
-        self.excused: set[tuple[int, int]] = set()
-        """Sessions in which the station aborted, lost CAMs or restarted (S-5)."""
         self.last: InputStep | None = None
         """The last step of the specification."""
         self.sent: list[tuple[str, dict[str, Json]]] = []
@@ -189,13 +187,9 @@ class Monitor:
     def _input(self, now: int, ev: str, **fields: Json) -> None:
         """Follow an input and the effects that the specification requires."""
         self._engine.finish()
-        session = self.track.session
         self._event(now, ev, **fields)
         step = self.last = self._engine.step
         assert step is not None
-        excuse = ("expire", ("cam",)), ("restart",)
-        if session and (step.input in excuse or step.input[:2] == ("command", "abort")):
-            self.excused.add(session)
         while (m := next(filter(self._engine.takes, self._answer.messages), None)) is not None:
             self._answer.messages.remove(m)
             self._send(now, m)

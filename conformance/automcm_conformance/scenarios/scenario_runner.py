@@ -1,9 +1,8 @@
 """Runs one play: several stations, their applications and a radio, in virtual time.
 
 Every step of every station is followed on the specification (monitor.py).  Three things remain to
-be checked: hazards between stations (S-4, S-5, S-8), sessions that do not end (L-1), and the
-indications that the applications received.  S-1, S-2 and S-3 concern one station, so the
-specification allows no step that breaks them.
+be checked: sessions that do not end (L-1), the properties of the system (S-*, T-*) on the logs, and
+the indications that the applications received.
 """
 
 from __future__ import annotations
@@ -20,10 +19,12 @@ from automcm_conformance.exchange.results import Line, Verdict
 from automcm_conformance.exchange.wire import HOLD_MS
 from automcm_conformance.scenarios.monitor import Monitor
 from automcm_conformance.scenarios.scripted_radio import Rule, ScriptedRadio
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.parameters import derived, durations
 from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, Where
-from automcm_traces.checker.track import CannotTell, Track
+from automcm_traces.checker.track import CannotTell
+from automcm_traces.system.properties import judge
 
 START_MS = 1_000
 LEASE_MS = 20_000
@@ -87,7 +88,7 @@ class ScenarioOutcome:
     reason: str = ""
     """One line: why the verdict is neither PASS nor FAIL, or which plays of a PASS were skipped."""
     finding: Finding = NOTHING_WRONG
-    """The divergence of the station ``at.file``, or the broken property: S-4, S-5, S-8, L-1."""
+    """The divergence of the station ``at.file``, or the broken property: S-*, T-* or L-1."""
     input: Input | None = None
     """The input that the rule decides."""
     came: list[str] = field(default_factory=list)
@@ -96,42 +97,6 @@ class ScenarioOutcome:
     """The last lines of the first play that did not pass."""
     log: list[str] = field(default_factory=list)
     """The logs of all stations relative to the folder; only those of a play that did not pass."""
-
-
-def hazard(
-    tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]
-) -> Finding | None:
-    """The first of S-4, S-5 and S-8 that is broken at this moment, or None.
-
-    ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
-    """
-    acting = {station: t for station, t in tracks.items() if t.state.phase == "ACTUATING"}
-    for me, t in acting.items():
-        if t.state.role == "prescriber":
-            target = acting.get(t.state.target)
-            agreed = target is not None and (target.session, target.state.proposal) == (
-                t.session,
-                t.state.proposal,
-            )
-            if not agreed and t.session not in excused[t.state.target]:
-                text = f"{me} acts, but its target {t.state.target} is not committed to it"
-                return _broken("S-5", text)
-        for other, o in acting.items():
-            claimed = (
-                {o.state.target, other} if o.state.role == "prescriber" and other != me else set()
-            )
-            if t.state.role == "prescriber" and t.state.target in claimed:
-                text = f"{me} and {other} both act on a commitment of {t.state.target}"
-                return _broken("S-8", text)
-            pair = {t.session[0], tracks[t.session[0]].state.target} if t.session else set()
-            if o.session == t.session and other != me and pair != {me, other}:
-                text = f"{me} and {other} act in one session but are not its pair"
-                return _broken("S-4", text)
-    return None
-
-
-def _broken(name: str, text: str) -> Finding:
-    return Finding("property", property=name, observed=text)
 
 
 class PlayRun:
@@ -178,8 +143,6 @@ class PlayRun:
             self._run()
         except Diverges as d:
             return self._not_allowed(folder, d)
-        except _PropertyBroken as error:
-            return self._with_logs(folder, ScenarioOutcome("FAIL", finding=error.finding))
         except CannotTell as error:
             return self._inconclusive(folder, f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
@@ -191,6 +154,8 @@ class PlayRun:
         finally:
             for monitor in self._stations.values():
                 monitor.end(end)
+        if (broken := self._broken_property(folder)) is not None:
+            return self._with_logs(folder, ScenarioOutcome("FAIL", finding=broken))
         for station, expected in self._play.expected.items():
             found = self._indications[station]
             if len(found) != len(expected) or not all(map(_matches, expected, found)):
@@ -247,7 +212,9 @@ class PlayRun:
             due = [s.deadline for s in self._stations.values() if s.deadline is not None]
             self._now = max(self._now, min([self._queue[0][0], *due]))
             if self._now > end:
-                self._check_ends()
+                if any(s.track.state.phase != "STANDALONE" for s in self._stations.values()):
+                    return
+                raise CannotTell(f"messages are still being sent at {self._now} ms")
             for station, monitor in self._stations.items():
                 if monitor.deadline is not None and monitor.deadline <= self._now:
                     self._give(station, {"cmd": "advance"})
@@ -255,7 +222,6 @@ class PlayRun:
                 _, _, counts, action = heapq.heappop(self._queue)
                 self._pending -= counts
                 action()
-            self._check_hazards()
 
     def _after(self, ms: int, action: Callable[[], None], *, counts: bool = True) -> None:
         self._order += 1
@@ -273,21 +239,18 @@ class PlayRun:
         self._idle = self._idle + 1 if idle and not self._pending else 0
         self._after(self._parameters["t_cam"], self._tick, counts=False)
 
-    def _check_hazards(self) -> None:
-        tracks = {station: monitor.track for station, monitor in self._stations.items()}
-        excused = {station: monitor.excused for station, monitor in self._stations.items()}
-        found = hazard(tracks, excused)
-        if found is not None:
-            raise _PropertyBroken(found)
-
-    def _check_ends(self) -> None:
-        """Report why the play takes longer than its sessions may.  Always raises."""
+    def _broken_property(self, folder: Path) -> Finding | None:
+        """The first property of the system that does not hold; None if all hold."""
         for station, monitor in self._stations.items():
-            t = monitor.track
-            if t.state.phase != "STANDALONE":
-                text = f"{station} is still in {t.state.phase} at {self._now} ms"
-                raise _PropertyBroken(_broken("L-1", text))
-        raise CannotTell(f"messages are still being sent at {self._now} ms")
+            if (phase := monitor.track.state.phase) != "STANDALONE":
+                text = f"{station} is still in {phase} at {self._now} ms"
+                return Finding("property", property="L-1", observed=text)
+        system = judge([read(path) for path in self._logs.values()])
+        for found in system.properties:
+            if found.outcome == "violated":
+                text = found.where[0].replace(f"{folder}/", "")
+                return Finding("property", property=found.property, observed=text)
+        return None
 
     # -- stations, radio and applications
 
@@ -374,14 +337,6 @@ class PlayRun:
     def _restart(self, station: int) -> None:
         self._give(station, {"cmd": "restart"})
         self._schedule_actions(station, "restart")
-
-
-class _PropertyBroken(Exception):
-    """A safety or liveness property does not hold."""
-
-    def __init__(self, finding: Finding) -> None:
-        super().__init__(finding.observed)
-        self.finding = finding
 
 
 def _trajectory(a: int, b: int) -> Object:

@@ -10,7 +10,7 @@ import pytest
 from broken_stations import BREAKS, REFERENCE, broken
 
 from automcm_conformance.adapter.protocol import HelloAnswer
-from automcm_conformance.exchange.transcript import answerable, finding
+from automcm_conformance.exchange.transcript import answerable
 from automcm_conformance.scenarios import scenario_cases
 from automcm_conformance.scenarios.scenario_cases import (
     BOTH,
@@ -25,15 +25,14 @@ from automcm_conformance.scenarios.scenario_cases import (
 )
 from automcm_conformance.scenarios.scenario_runner import (
     Play,
+    PlayRun,
     ScenarioOutcome,
     ScriptedDriver,
     When,
-    hazard,
 )
 from automcm_conformance.suite import purposes
 from automcm_spec.vocabulary.rules import RULES, line
 from automcm_traces.checker.finding import NOTHING_WRONG
-from automcm_traces.checker.track import INITIAL, Track
 from automcm_traces.explain.explain import verdicts_of
 
 HELLO = HelloAnswer(
@@ -191,35 +190,22 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "other" / log).read_bytes()
 
 
-def acting(me: int, role: str, proposal: int = 2, phase: str = "ACTUATING") -> Track:
-    state = INITIAL._replace(phase=phase, role=role, session=(P, 1), proposal=proposal)
-    return Track(me, state=state._replace(target=R if role == "prescriber" else 0))
+def test_a_property_of_the_system_does_not_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The radio makes an acceptance of a refusal; every step is allowed."""
 
+    def send(play: PlayRun, station: int, tx: str, m: dict[str, Any]) -> None:
+        if m["type"] == "Acceptance":
+            m = {n: v for n, v in m.items() if n != "reason"} | {"accepted": True}
+            m["selected"] = {"t0": 0, "points": [[0, 0, 0]]}
+        right(play, station, tx, m)
 
-def seen(*given: Any) -> str:
-    found = hazard(*given)
-    return "" if found is None else finding(found)
-
-
-def test_hazards() -> None:
-    tracks, nobody = {P: acting(P, "prescriber")}, {P: set[Any](), R: set[Any]()}
-    assert seen({**tracks, R: acting(R, "receiver")}, nobody) == ""
-    assert seen({**tracks, R: acting(R, "receiver", 1)}, nobody).startswith("S-5: 1001 acts")
-    left = {**tracks, R: acting(R, "receiver", 1, "STANDALONE")}
-    assert seen(left, nobody).startswith("S-5: 1001 acts")
-    assert seen(left, {P: set(), R: {(P, 1)}}) == ""
-    tracks = {P: acting(P, "prescriber", phase="STANDALONE"), R: acting(R, "receiver")}
-    third = acting(3003, "receiver")
-    assert seen({**tracks, 3003: third}, {**nobody, 3003: set()}).startswith("S-4: 2002 and 3003")
-
-
-def test_two_that_act_on_one_word_are_a_hazard() -> None:
-    excused = {P: set[Any](), Q: set[Any](), R: {(P, 1), (Q, 1)}}
-    one = acting(P, "prescriber")
-    for other in (R, 3003):
-        theirs = one.state._replace(session=(Q, 1), target=other)
-        both = {P: one, Q: Track(Q, state=theirs), R: acting(R, "receiver", 1, "STANDALONE")}
-        found = seen(both, {**excused, 3003: {(Q, 1)}})
-        assert found == ("S-8: 1001 and 1002 both act on a commitment of 2002" * (other == R))
-    own = {P: one, R: Track(R, state=one.state._replace(session=(R, 1), target=3003))}
-    assert seen(own, {**excused, 3003: {(R, 1)}}).startswith("S-8: 1001 and 2002 both act on")
+    right = PlayRun._send
+    monkeypatch.setattr(PlayRun, "_send", send)
+    play = Play({P: BOTH[P], R: ScriptedDriver(joins=True, refuses=1)})
+    monkeypatch.setitem(NAMES, "scenario all arrives", (play,))
+    outcome = run("scenario all arrives", REFERENCE, tmp_path)
+    assert (outcome.verdict, outcome.finding.property) == ("FAIL", "S-3")
+    assert "scenarios/all-arrives/1-1/1001.ndjson" in outcome.finding.observed
+    assert str(tmp_path) not in outcome.finding.observed
