@@ -72,23 +72,12 @@ class RecordingCodec:
     def encode(self, message: Message | Cam) -> bytes:
         """Encode as JSON and record the size."""
         data = JSON.encode(message)
-        if isinstance(message, Cam):
-            forms = dict.fromkeys(FORMS, measured(on_air(message)))
-            self.sent.append(Sent(self.now(), message.src, message.type, 0, forms))
-            return data
         if data not in self._known:  # copies are equal byte for byte
             self._known[data] = in_forms(message)
+        prescriber = 0 if isinstance(message, Cam) else message.session[0]
         cancelled = message.dst if isinstance(message, Cancel) else 0
-        self.sent.append(
-            Sent(
-                self.now(),
-                message.src,
-                message.type,
-                message.session[0],
-                self._known[data],
-                cancelled,
-            )
-        )
+        about = message.src, message.type, prescriber, self._known[data], cancelled
+        self.sent.append(Sent(self.now(), *about))
         return data
 
     def decode(self, data: bytes) -> Message | Cam:
@@ -138,8 +127,10 @@ def measured(message: Message | Cam) -> MessageBytes:
         raise ExperimentError(f"bandwidth: {error}") from None
 
 
-def in_forms(message: Message) -> dict[str, MessageBytes]:
+def in_forms(message: Message | Cam) -> dict[str, MessageBytes]:
     """Its size in each of FORMS."""
+    if isinstance(message, Cam):
+        return dict.fromkeys(FORMS, measured(on_air(message)))
     made = (on_air(message), on_air(message, POINTS), on_air(message, POINTS, lean=True))
     return {name: measured(form) for name, form in zip(FORMS, made, strict=True)}
 
