@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,6 +84,7 @@ def run(
     from automcm_conformance.suite import verdicts
     from automcm_conformance.suite.suite_run import conform
     from automcm_spec.graph.oracle import OracleError
+    from automcm_spec.support.bad_input import BadInput
 
     command, chosen = command_of(ctx), purposes_of(selectors or [])
     if failed:
@@ -99,7 +101,7 @@ def run(
             raise typer.Exit
     folder = out or fresh_folder()
     started, clock = datetime.now(UTC), time.monotonic()
-    with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
+    with code_3("conform", AdapterError, ProtocolError, OracleError, BadInput, OSError):
         known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
         with files.new_folder(folder, named=True), progress() as notify:
             report = conform(
@@ -214,7 +216,7 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
     command = command_of(ctx)
     with progress() as notify:
         findings = check(command, limit, notify)
-    if write_json(json_, [checked.as_dict() for checked in findings]):
+    if write_json(json_, [asdict(checked) for checked in findings]):
         for checked in findings:
             say(f"{checked.level:>7}  {visible(checked.what)}")
             for name in ("sent", "answered"):

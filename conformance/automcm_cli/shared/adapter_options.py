@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -55,8 +57,7 @@ def purposes_of(selectors: Sequence[str]) -> list[Purpose]:
 
 
 def fresh_folder() -> Path:
-    """runs/<time>, with a number appended if that exists."""
-    from automcm_conformance.adapter import kit_paths
-
-    with usage(FileExistsError):
-        return kit_paths.fresh_folder()
+    """A new folder runs/<time>, with a number appended if that exists."""
+    stem = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
+    names = (stem if n == 1 else f"{stem}-{n}" for n in count(1))
+    return next(folder for name in names if not (folder := Path("runs") / name).exists())

@@ -52,11 +52,6 @@ class Checked:
     stderr: list[str] = field(default_factory=list)
     """The last lines of standard error, if the process has ended."""
 
-    def as_dict(self) -> dict[str, object]:
-        """The object in the output of ``--json``."""
-        shown = {"sent": self.sent, "answered": self.answered, "stderr": self.stderr}
-        return {"level": self.level, "what": self.what, **shown}
-
 
 def check(command: Sequence[str], limit_s: float, notify: Callable[[str], None]) -> list[Checked]:
     """Start the adapter, try all commands, and return the findings, each mistake once.

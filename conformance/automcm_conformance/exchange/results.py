@@ -39,12 +39,13 @@ Share = Annotated[list[int], AfterValidator(_share)]
 """[reached, total]"""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Deciding:
     """What decides a wrong answer. Texts are empty if unknown."""
 
     rule: str = ""
     operator: str = ""
+    """The operator of Station.tla; empty if it is not about one of its rules."""
     line: int = 0
     """The line of Station.tla that names the rule."""
     guard: str = ""
@@ -63,15 +64,11 @@ class Line:
     text: str
 
 
-@dataclass(slots=True)
-class Failure:
+@dataclass(slots=True, kw_only=True)
+class Failure(Deciding):
     """One wrong answer, with the shortest exchange that leads to it."""
 
-    rule: str
     rule_text: str
-    operator: str
-    """The operator of Station.tla; empty if the failure is not about one of its rules."""
-    line: int
     what: str
     """The difference, in one line."""
     allowed: list[str]
@@ -82,10 +79,6 @@ class Failure:
     """File for ``automcm conform replay``, relative to the report."""
     command: str = ""
     """The command that replays this exchange."""
-    guard: str = ""
-    """The guard of the operator that decided, with its values."""
-    as_if: str = ""
-    """The guards that would have to be different for the answer to be right."""
     timer: str = ""
     """The timer whose deadline was expected."""
     difference: str = ""

@@ -8,8 +8,9 @@ the station.  The station has its own application, whose choices the kit accepts
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Literal, NoReturn, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_json
 
 from automcm_conformance.adapter.protocol import Object
@@ -19,24 +20,19 @@ from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.suite.scripted import number
 from automcm_conformance.suite.scripts import THEIRS, Script, Wait
-from automcm_spec.vocabulary.messages import MAX_EXTENT_MM, MIN_EXTENT_MM, same
+from automcm_spec.vocabulary.messages import ExtentMm, Session, Trajectory, same
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Timer
+
+if TYPE_CHECKING:
+    from automcm_conformance.live.udp_air import UdpAir
 
 Received = tuple[int, Object]
 """A message and the time in ms at which it was received."""
 
 
-class Air(Protocol):
-    """The radio that the kit shares with the stations, and the kit's clock in ms."""
-
-    def now(self) -> int:
-        """The time in ms."""
-
-    def send(self, data: bytes) -> None:
-        """Send to all stations."""
-
-    def receive(self, until: int) -> tuple[int, bytes] | None:
-        """The next datagram of another sender and its time; None if there is none by ``until``."""
+_STRICT = ConfigDict(strict=True)
+TRAJECTORY, EXTENT = TypeAdapter(Trajectory), TypeAdapter[int](ExtentMm, config=_STRICT)
+MARKS = TypeAdapter(list[Session], config=_STRICT)
 
 
 class Failed(Exception):
@@ -71,7 +67,7 @@ class Live:
     def __init__(
         self,
         x: Exchange,
-        air: Air,
+        air: UdpAir,
         jitter_ms: int,
         lines: list[Line],
         known: list[Object],
@@ -159,7 +155,7 @@ class Live:
         at, m = received
         if m.get("type") == "Acceptance" and m.get("accepted") is False:
             raise Failed("cannot_tell", f"the station's application refused: {m.get('reason')}")
-        chosen = {"selected": m["selected"]} if _trajectory(m.get("selected")) else None
+        chosen = {"selected": m["selected"]} if _has(TRAJECTORY, m.get("selected")) else None
         self._x.give(number(self._x, value), at=max(self._x.now, at), fields=chosen)
         self._answered(at, received)
 
@@ -212,9 +208,9 @@ class Live:
         """Whether ``found`` is the message ``wanted``; a new Intention may plan any trajectory and
         state an extent."""
         new = all(m is not wanted for m in self._known)
-        if new and wanted["type"] == "Intention" and _trajectory(found.get("planned")):
+        if new and wanted["type"] == "Intention" and _has(TRAJECTORY, found.get("planned")):
             wanted["planned"] = found["planned"]
-            wanted |= {n: found[n] for n in ("length_mm", "width_mm") if _extent(found.get(n))}
+            wanted |= {n: found[n] for n in ("length_mm", "width_mm") if _has(EXTENT, found.get(n))}
         return same(wanted, found)
 
     def _overdue(self, wanted: Object, by: int) -> NoReturn:
@@ -273,7 +269,7 @@ class Live:
                 continue
             to = m.get("dst")
             if m.get("type") == "CAM":
-                self._marks = m["marks"] if _marks(m.get("marks")) else None
+                self._marks = m["marks"] if _has(MARKS, m.get("marks")) else None
             elif type(to) is not int or to not in self._others:
                 self._lines.append(Line(at, "station", transcript.message(m)))
                 self._waiting = at, m
@@ -292,28 +288,10 @@ def said_by(station: int, data: bytes) -> Object | None:
     return m if type(m) is dict and m.get("src") == station else None
 
 
-def _marks(value: object) -> TypeGuard[list[list[int]]]:
-    """Whether a value has the form of a CAM's marks."""
-    return type(value) is list and all(
-        type(session) is list and len(session) == 2 and all(type(n) is int for n in session)
-        for session in value
-    )
-
-
-def _extent(value: object) -> bool:
-    return type(value) is int and MIN_EXTENT_MM <= value <= MAX_EXTENT_MM
-
-
-def _trajectory(value: object) -> bool:
-    """Whether a value has the form of a trajectory."""
-    return (
-        type(value) is dict
-        and value.keys() == {"t0", "points"}
-        and type(value["t0"]) is int
-        and type(value["points"]) is list
-        and len(value["points"]) > 0
-        and all(
-            type(point) is list and len(point) == 3 and all(type(n) is int for n in point)
-            for point in value["points"]
-        )
-    )
+def _has(form: TypeAdapter[Any], value: object) -> bool:
+    """Whether a value of a message has this form."""
+    try:
+        form.validate_python(value)
+    except ValidationError:
+        return False
+    return True

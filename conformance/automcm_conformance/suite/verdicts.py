@@ -7,14 +7,17 @@ import shlex
 import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_conformance.exchange import records, transcript
 from automcm_conformance.exchange.exchange import Wrong
 from automcm_conformance.exchange.results import (
     INTERRUPTED,
-    VERDICTS,
     CaseResult,
     Failure,
     Implementation,
@@ -26,6 +29,7 @@ from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import Tally
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput, errors_of
 from automcm_spec.vocabulary.rules import RULES, handler, line
 from automcm_traces.checker.finding import NOTHING_WRONG
 
@@ -35,33 +39,30 @@ SHOWN = 60
 """The number of lines of an exchange in a report; the replay has all."""
 
 
-class ExpectError(ValueError):
-    """An invalid expectations file; the text names the file and the entry."""
+class _Known(BaseModel, extra="forbid", strict=True):
+    """A known deviation."""
+
+    verdict: Verdict
+    because: Annotated[str, Field(pattern=r"\S")]
+
+
+_KNOWN = TypeAdapter(dict[str, _Known])
 
 
 def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Verdict, str]]:
     """An expectations file: ``"AMCM/…" = {verdict = "FAIL", because = "why"}`` for each case.
 
-    Raises ExpectError and OSError.
+    Raises BadInput and OSError.
     """
-    known = {purpose.id for purpose in purposes}
-    found: dict[str, tuple[Verdict, str]] = {}
     try:
-        entries = tomllib.loads(path.read_text())
+        entries = _KNOWN.validate_python(tomllib.loads(path.read_text()))
+    except ValidationError as error:
+        raise BadInput(path, 0, *errors_of(error)[0]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ExpectError(f"{path}: {error}") from None
-    for name, entry in entries.items():
-        if name not in known:
-            raise ExpectError(f"{path}: {name}: unknown case")
-        if not isinstance(entry, dict) or set(entry) != {"verdict", "because"}:
-            raise ExpectError(f"{path}: {name}: must have verdict and because, and nothing else")
-        verdict, because = entry["verdict"], entry["because"]
-        if verdict not in VERDICTS:
-            raise ExpectError(f"{path}: {name}.verdict: must be one of {', '.join(VERDICTS)}")
-        if not isinstance(because, str) or not because.strip():
-            raise ExpectError(f"{path}: {name}.because: must give the reason")
-        found[name] = verdict, because
-    return found
+        raise BadInput(path, 0, "", str(error)) from None
+    for name in entries.keys() - {purpose.id for purpose in purposes}:
+        raise BadInput(path, 0, name, "unknown case")
+    return {name: (entry.verdict, entry.because) for name, entry in entries.items()}
 
 
 def implementation(runner: Runner) -> Implementation:
@@ -149,16 +150,21 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
         return [failure(runner, case, n, fault, folder) for n, fault in enumerate(tally.faults, 1)]
     if o.verdict in ("PASS", "SKIP"):
         return []
-    again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
     rule = o.finding.rule or o.finding.property
-    told = (rule, handler(o.input), line(rule, o.input)) if o.input else (rule, "", 0)
-    expected = transcript.answerable(o.finding)
-    what = transcript.finding(o.finding) or o.reason
-    made = _failure(what, told, expected, o.came, o.lines, "", again)
-    made.guard, made.as_if = o.finding.why.guard, o.finding.why.nearest
-    broke = o.finding == NOTHING_WRONG
-    made.difference = f"{o.verdict if broke else o.finding.kind} in a scenario"
-    return [made]
+    at = (handler(o.input), line(rule, o.input)) if o.input else ("", 0)
+    kind = o.verdict if o.finding == NOTHING_WRONG else o.finding.kind
+    return [
+        Failure(
+            *(rule, *at, o.finding.why.guard, o.finding.why.nearest),
+            rule_text=RULES.get(rule, ""),
+            what=transcript.finding(o.finding) or o.reason,
+            allowed=transcript.answerable(o.finding),
+            came=o.came,
+            exchange=o.lines,
+            command=f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}",
+            difference=f"{kind} in a scenario",
+        )
+    ]
 
 
 def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
@@ -208,24 +214,15 @@ def failure(runner: Runner, case: str, n: int, fault: Wrong, folder: Path) -> Fa
         if last.answer
         else ["no answer", *getattr(fault, "stderr", ())]
     )
-    again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
-    at, allowed = str(replay.relative_to(folder)), transcript.allowed(last.expected)
-    told = fault.deciding.rule, fault.deciding.operator, fault.deciding.line
-    made = _failure(fault.what, told, allowed, came, lines, at, again)
-    made.guard, made.as_if = fault.deciding.guard, fault.deciding.as_if
-    made.timer, made.difference = last.expected.timer, fault.difference
-    return made
-
-
-def _failure(
-    what: str,
-    deciding: tuple[str, str, int],
-    allowed: list[str],
-    came: list[str],
-    lines: list[Line],
-    replay: str,
-    command: str,
-) -> Failure:
-    rule, operator, at = deciding
-    text = RULES.get(rule, "")
-    return Failure(rule, text, operator, at, what, allowed, came, lines, replay, command)
+    return Failure(
+        **asdict(fault.deciding),
+        rule_text=RULES.get(fault.deciding.rule, ""),
+        what=fault.what,
+        allowed=transcript.allowed(last.expected),
+        came=came,
+        exchange=lines,
+        replay=str(replay.relative_to(folder)),
+        command=f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}",
+        timer=last.expected.timer,
+        difference=fault.difference,
+    )

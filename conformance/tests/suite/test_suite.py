@@ -21,6 +21,7 @@ from automcm_conformance.adapter.adapter import PATIENCE
 from automcm_conformance.report import report
 from automcm_conformance.suite import graph_cases, purposes, suite_run, verdicts
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
+from automcm_spec.support.bad_input import BadInput
 
 # -- what breaks
 
@@ -185,25 +186,25 @@ def test_expected_deviations(conform: Suite) -> None:
     ("text", "says"),
     [
         ('"AMCM/X" = {verdict = "FAIL", because = "x"}', "AMCM/X: unknown case"),
-        (f'"{BUSY}" = {{verdict = "FAIL"}}', f"{BUSY}: must have verdict and because"),
+        (f'"{BUSY}" = {{verdict = "FAIL"}}', f"{BUSY}.because: Field required"),
         (
             f'"{BUSY}" = {{verdict = "FAIL", because = " "}}',
-            f"{BUSY}.because: must give the reason",
+            f"{BUSY}.because: String should match",
         ),
-        (f'"{BUSY}" = {{verdict = "FAIL", because = 1}}', f"{BUSY}.because: must give the reason"),
+        (f'"{BUSY}" = {{verdict = "FAIL", because = 1}}', f"{BUSY}.because: Input should be a"),
         (
             f'"{BUSY}" = {{verdict = "BAD", because = "x"}}',
-            f"{BUSY}.verdict: must be one of PASS, FAIL",
+            f"{BUSY}.verdict: Input should be 'PASS', 'FAIL'",
         ),
-        (f'"{BUSY}" = {{verdict = "FAIL", because = "x", by = 1}}', "and nothing else"),
-        (f'"{BUSY}" = "FAIL"', f"{BUSY}: must have verdict and because"),
+        (f'"{BUSY}" = {{verdict = "FAIL", because = "x", by = 1}}', f"{BUSY}.by: Extra inputs"),
+        (f'"{BUSY}" = "FAIL"', f"{BUSY}: Input should be a valid dict"),
         (f'["{BUSY}"', "known.toml: "),
     ],
 )
 def test_a_bad_file_of_expectations(tmp_path: Path, text: str, says: str) -> None:
     file = tmp_path / "known.toml"
     file.write_text(text)
-    with pytest.raises(verdicts.ExpectError) as caught:
+    with pytest.raises(BadInput) as caught:
         verdicts.expectations(file, purposes.load())
     assert str(file) in str(caught.value) and says in str(caught.value)
 
