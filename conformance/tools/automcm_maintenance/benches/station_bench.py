@@ -12,42 +12,16 @@ from automcm.core.phases import PrescriberPhases
 from automcm.core.station import Station
 from automcm.encoding.codec import NAMES, CodecError, codec
 from automcm.links.simulated_radio import Channel
+from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_maintenance.benches.plugin import Timed, beside
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Command
-from automcm_spec.vocabulary.messages import (
-    Cam,
-    Message,
-    Prescription,
-    Trajectory,
-    decode,
-    encode,
-)
+from automcm_spec.vocabulary.messages import Cam, Message, decode, encode
 
-POINTS = 52
-"""260 m in points 5 m apart: the paper's trajectory."""
+PRESCRIPTION = sizes.carrying(sizes.trajectory(52))[2]
+"""With the paper's trajectory: 260 m in points 5 m apart."""
 Inputs = dict[int, list[tuple[int, Message | Cam | Command]]]
-
-
-class Long(Straight):
-    """An application with trajectories of POINTS points."""
-
-    def trajectory(self, per_cent: int = 100) -> Trajectory:
-        """As in ``Straight``."""
-        step = 5_000_000 // self.speed_mm_s * 100 // per_cent
-        return Trajectory(t0=0, points=tuple((n * step, n * 5000, 0) for n in range(POINTS)))
-
-
-PRESCRIPTION = Prescription(
-    src=1,
-    session=(1, 1),
-    seq=1,
-    proposal=1,
-    prescribed=Long().trajectory(),
-    hold_ms=2000,
-    lease_ms=20_000,
-)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +40,7 @@ def inputs() -> Inputs:
 
     simulation = Simulation(channel=Channel())
     for n in found:
-        application = Long(target=3, concerned_by_all=n > 1)
+        application = Straight(target=3, concerned_by_all=n > 1)
         simulation.add(n, application, observers=(partial(observe, n),))
     simulation.request(1, 100)
     simulation.run(8000)
@@ -115,7 +89,7 @@ def bench_core(inputs: Inputs, timed: Timed) -> None:
 @pytest.mark.parametrize("name", NAMES)
 @beside("encode[json]", 40)
 def bench_encode(name: str, timed: Timed) -> None:
-    """A Prescription of POINTS points."""
+    """PRESCRIPTION."""
     timed(partial(_codec(name).encode, PRESCRIPTION))
 
 
