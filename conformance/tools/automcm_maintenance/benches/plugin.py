@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import pytest
 
@@ -44,16 +44,11 @@ class BenchRun:
         return None
 
 
-class Timed(Protocol):
-    """Times a call in µs, over ``per``.  With ``rounds``, it is called as often."""
-
-    def __call__(self, call: Callable[[], object], per: int = 1, rounds: int = 0) -> None:
-        """Time it."""
-
-
 Bench = TypeVar("Bench", bound=Callable[..., None])
 Figure = Callable[[float, str], None]
 """Takes a figure and its unit."""
+Timed = Callable[..., None]
+"""Times a call in µs, over ``per``, 1 by default.  With ``rounds``, it is called as often."""
 _RUN = pytest.StashKey[BenchRun]()
 
 

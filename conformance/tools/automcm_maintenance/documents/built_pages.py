@@ -33,7 +33,7 @@ def pages() -> dict[str, Callable[[], str]]:
     from automcm_evaluation.sweeps import report
     from automcm_evaluation.sweeps.catalogue import NAMES
     from automcm_maintenance.code_mutation import certificate_page
-    from automcm_maintenance.corpus import corpus_page
+    from automcm_maintenance.corpus import corpus
     from automcm_maintenance.documents import citations
     from automcm_maintenance.spec_mutation import mutant_results
 
@@ -45,7 +45,7 @@ def pages() -> dict[str, Callable[[], str]]:
     return {
         "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
         **commands,
-        "corpus.md": partial(corpus_page.page, ROOT / "traces" / "corpus"),
+        "corpus.md": partial(corpus.page, ROOT / "traces" / "corpus"),
         "faults.md": lambda: faults_page(_json(FAULTS)),
         "index.md": _first_page,
         "models.md": lambda: models_page(models.load()),

@@ -13,6 +13,7 @@ The first two need TLC.  The rest, the index and its page are made from the file
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import Any
 from automcm_maintenance.corpus.corpus_bad import bad_logs, bases_among
 from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
+from automcm_spec.support import markdown
 from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.export.itf_log import behaviour
 
@@ -194,3 +196,25 @@ def _of_counterexamples(corpus: Path, files: list[str]) -> list[CorpusEntry]:
             CorpusEntry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
         )
     return entries
+
+
+def page(corpus: Path) -> str:
+    """docs/corpus.md: the contents of the corpus on disk, from its index."""
+    entries = index(corpus)
+    by_kind: dict[str, list[CorpusEntry]] = defaultdict(list)
+    for entry in entries:
+        by_kind[entry.file.split("/")[0]].append(entry)
+    counts = json.loads((corpus / COVERAGE).read_text())
+    walked = []
+    for model in WALKED:
+        files = [corpus / e.file for e in by_kind["behaviours"] if e.file.split("/")[1] == model]
+        lines = sum(path.read_bytes().count(b"\n") for path in files)
+        walked.append(counts[model] | {"model": model, "logs": len(files), "lines": lines})
+    return markdown.page(
+        Path(__file__).with_name("corpus.md.j2"),
+        logs=len(entries),
+        of=by_kind,
+        walked=walked,
+        breaks={m.cfg: m.property for m in models.load()},
+        short=lambda entry: entry.file.split("/", 1)[1],
+    )
