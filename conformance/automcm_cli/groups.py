@@ -48,7 +48,13 @@ GROUPS = {
     "keys": (["automcm_cli.reference.keys_commands"], "Keys and certificates of stations."),
     "link": (["automcm_cli.reference.link_commands"], "Simulate the radio between stations."),
     "conform": (
-        ["automcm_cli.conform.conform_commands", f"{_MAINTENANCE}.code_mutation.certify"],
+        [
+            *(
+                f"automcm_cli.conform.{name}"
+                for name in ("conform", "conform_explore", "conform_live")
+            ),
+            f"{_MAINTENANCE}.code_mutation.certify",
+        ],
         "Test a station in any language against the specification.",
     ),
 }

@@ -181,8 +181,8 @@ def replay(
     """Send the lines of a recorded failure to a station again."""
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
+    from automcm_conformance.exchange.records import replay_failure
     from automcm_conformance.exchange.transcript import exchange
-    from automcm_conformance.replay.failure_replay import replay_failure
     from automcm_conformance.report.report import visible
     from automcm_spec.support.bad_input import BadInput
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.adapter_options import Limit, command_of, fresh_folder
-from automcm_cli.shared.common import Json, code_3, console_of, progress, write_json
+from automcm_cli.shared.adapter_options import Limit, WithCommand, command_of, fresh_folder
+from automcm_cli.shared.common import Json, code_3, console_of, example, progress, write_json
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support import files
 
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from automcm_conformance.exchange.results import Exploration
 
 
+app = typer.Typer()
+
+
+@app.command(cls=WithCommand, epilog=example("conform explore 60 --seed 7 -- ./my_adapter"))
 def explore(
     ctx: typer.Context,
     seconds: Annotated[float, typer.Argument(help="Duration in seconds of real time.", min=0.0)],

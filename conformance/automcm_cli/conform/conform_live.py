@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.adapter_options import COMMAND, Limit
-from automcm_cli.shared.common import Json, code_3, console_of, progress, say, usage, write_json
+from automcm_cli.shared.adapter_options import COMMAND, Limit, WithCommand
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    say,
+    usage,
+    write_json,
+)
 from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
 from automcm_cli.shared.parameter_options import chosen
 from automcm_conformance.adapter.process import LIMIT_S
@@ -19,13 +28,23 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from automcm_conformance.live.live import UdpAir
     from automcm_conformance.live.live_cases import LiveCase, LiveResult
-    from automcm_conformance.live.udp_air import UdpAir
 
 FIRST_CAM_MS = 5_000
 """How long to listen for the station, in ms; a CAM comes at least every second."""
 
 
+app = typer.Typer()
+
+
+@app.command(
+    cls=WithCommand,
+    epilog=example(
+        "conform live 7 -- automcm adapter",
+        "Start the station first, in another terminal: automcm station --id 7 --first.  ",
+    ),
+)
 def live(
     ctx: typer.Context,
     station: Annotated[
@@ -108,7 +127,7 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     """The same sockets as those of the reference's stations.  A bad address is a usage error."""
     from automcm.links.link import LinkError
     from automcm.links.udp_link import address, bind, local_only
-    from automcm_conformance.live.udp_air import UdpAir
+    from automcm_conformance.live.live import UdpAir
 
     with usage(LinkError):
         everyone = address(broadcast)

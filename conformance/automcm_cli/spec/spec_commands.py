@@ -143,7 +143,7 @@ def spec_simulate(
     steps each rule decided.  The exit code is 4 if a model that must fail did not fail, or if no
     behaviour was finished in time.
     """
-    from automcm_cli.spec import walk_summary as walks_
+    from automcm_cli.spec import model_output as spec_
     from automcm_spec.model_checking import random_walks
     from automcm_spec.model_checking.models import ModelError
     from automcm_spec.model_checking.tlc import TlcError
@@ -163,7 +163,7 @@ def spec_simulate(
                 on_progress=lambda n: notify(f"{name}: {n:,} behaviours"),
             )
     if write_json(json_, found.as_dict()):
-        say_lines(walks_.shown(found))
+        say_lines(spec_.shown_walks(found))
     raise typer.Exit(found.exit_code)
 
 

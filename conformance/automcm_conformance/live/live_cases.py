@@ -15,8 +15,7 @@ from automcm_conformance.adapter.protocol import Object
 from automcm_conformance.exchange.exchange import Broken, Exchange, Infeasible, Mismatch
 from automcm_conformance.exchange.results import Line, Verdict
 from automcm_conformance.exchange.wire import ME, STRANGER, Values
-from automcm_conformance.live.live import Failed, Live, Unwritten, said_by
-from automcm_conformance.live.udp_air import UdpAir
+from automcm_conformance.live.live import Failed, Live, UdpAir, Unwritten, said_by
 from automcm_conformance.suite import scripted
 from automcm_conformance.suite import scripts as s
 from automcm_conformance.suite.graph_cases import fitting

@@ -53,6 +53,7 @@ from automcm_conformance.suite.scripts import (
     expire,
     received,
 )
+from automcm_conformance.suite.session_cases import as_prescriber, as_receiver
 from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.parameters import LIMITS
@@ -118,30 +119,12 @@ def scripts(about: str) -> list[Script]:
 def _session(n: int, prescriber: bool) -> list[Input]:
     """The n-th session as a whole, with a message of the one before."""
     if prescriber:
-        p, s, old = 2 + n % 3, (1, n), (1, n - 1)
-        return [
-            REQUEST,
-            *([received("Intention", old, source=p)] if n > 1 else []),
-            received("Intention", s, source=p),
-            command("close", s),
-            command("prescribe", s, 1, p),
-            received("Ack", s, of=("Prescription", 1), source=p),
-            received("Acceptance", s, accepted=True, source=p),
-            cam(p, s),
-            command("complete", s),
-            received("Ack", s, of=("Fin", 1), source=p),
-        ]
-    s, old = (Y, n), (Y, n - 1)
-    return [
-        *([received("Advertisement", old)] if n > 1 else []),
-        received("Advertisement", s),
-        received("Ack", s, of=("Intention", 1)),
-        received("Prescription", s),
-        command("accept", s, 1),
-        received("Ack", s, of=("Acceptance", 1)),
-        cam(Y, s),
-        received("Fin", s),
-    ]
+        p = 2 + n % 3
+        first, *rest = as_prescriber((1, n), p, False, command("close", (1, n)))
+        old = [received("Intention", (1, n - 1), source=p)] if n > 1 else []
+        return [first, *old, *rest]
+    late = [received("Advertisement", (Y, n - 1))] if n > 1 else []
+    return [*late, *as_receiver((Y, n), False)]
 
 
 def _sessions(fresh: Fresh, prescriber: bool) -> Played:

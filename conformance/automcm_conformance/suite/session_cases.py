@@ -41,8 +41,11 @@ SHORT_MS = 900
 ROLES = ("prescriber", "receiver")
 
 
-def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
-    """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused."""
+def as_prescriber(
+    session: Session, peer: int, refused: bool, closes: Input = WINDOW
+) -> list[Input]:
+    """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused;
+    ``closes``: ends the advertising window."""
     k = 2 if refused else 1
     rounds: list[Input] = [
         received("Acceptance", session, 1, source=peer),
@@ -51,7 +54,7 @@ def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
     return [
         REQUEST,
         received("Intention", session, source=peer),
-        WINDOW,
+        closes,
         command("prescribe", session, 1, peer),
         received("Ack", session, of=("Prescription", 1), source=peer),
         *(rounds if refused else []),
