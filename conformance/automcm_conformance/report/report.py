@@ -29,7 +29,7 @@ from automcm_conformance.exchange.results import (
     ids_of,
 )
 from automcm_spec.support import files
-from automcm_spec.support.bad_input import BadInput, errors_of, printable
+from automcm_spec.support.bad_input import BadInput, SpooledInput, errors_of, printable
 from automcm_spec.support.paths import TLA
 from automcm_spec.support.templates import environment
 from automcm_spec.vocabulary.rules import RULES, operators
@@ -96,7 +96,12 @@ def write_pages(report: Report, folder: Path) -> None:
     ]:
         log = folder / case.log
         several = log.parent != folder / "logs"
-        logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
+        logs = [
+            SpooledInput(path)
+            for path in (sorted(log.parent.glob("*.ndjson")) if several else [log])
+        ]
+        for path in logs:
+            path.given = path.relative_to(folder).as_posix()
         try:
             page = load_logs(logs, f"{case.id}: {case.verdict}")
         except (BadInput, PageError):
@@ -104,10 +109,9 @@ def write_pages(report: Report, folder: Path) -> None:
         if not several and page.runs[0].verdicts[0].verdict == "allowed":
             _judge_by_kit(page.runs[0], case)
             page.note = "The verdict is that of the kit: the log does not show what is wrong."
-        page.runs[0].renamed = f"{folder}/", ""
-        path = log.with_suffix(".html")
-        files.write(path, page_.html(page))
-        case.page = path.relative_to(folder).as_posix()
+        written = log.with_suffix(".html")
+        files.write(written, page_.html(page))
+        case.page = written.relative_to(folder).as_posix()
 
 
 def _judge_by_kit(run: PageRun, case: CaseResult) -> None:

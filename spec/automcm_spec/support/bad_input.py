@@ -10,8 +10,7 @@ if TYPE_CHECKING:
 
 
 class SpooledInput(PosixPath):
-    """A temporary copy of input that cannot be read again, such as a pipe. Messages name ``given``
-    instead of the copy."""
+    """A file that messages name ``given``, such as a temporary copy of a pipe."""
 
     given = ""
 

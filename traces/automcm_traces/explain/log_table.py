@@ -62,9 +62,8 @@ class Logs:
     Raises BadInput if a log has no readable header, or if two logs are of the same station.
     """
 
-    def __init__(self, paths: Sequence[Path], cams: bool = False) -> None:
+    def __init__(self, paths: Sequence[Path]) -> None:
         self._paths: dict[int, Path] = {}
-        self._cams = cams
         runs: dict[str, Path] = {}
         self.warnings: list[str] = []
         for path in paths:

@@ -10,7 +10,6 @@ import re
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
@@ -58,7 +57,7 @@ class EffectQuery:
 
 
 def effects_of(
-    module: str, cfg: str, questions: Iterable[EffectQuery], tla: Path = TLA
+    module: str, cfg: str, questions: Iterable[EffectQuery]
 ) -> dict[EffectQuery, StepEffects]:
     """The effects for each query, according to the model with the text ``cfg``.
 
@@ -86,7 +85,7 @@ def effects_of(
             found[wanted[n]] = _effects(answer)
 
     with scratch.folder("story") as place:
-        for path in tla.glob("*.tla"):
+        for path in TLA.glob("*.tla"):
             shutil.copy(path, place)
         text = MODULE.format(module=module, questions=assumptions)
         (place / "Story.tla").write_text(text, encoding="utf-8")

@@ -11,7 +11,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 from automcm_spec.log_format.log import Receive
@@ -150,36 +150,28 @@ def _never(world: World, acts: Period, line: Timeline) -> Hazard:
     if line.ending != "clean" or known is None or known.low > 0:
         raise CannotJudge(f"the log of station {line.station} ends too early: {line.why}")
     own = world.timelines[acts.station]
-    begin = _Departure(acts.start.at, acts.start.line, acts.start.t_ms, "", "")
+    begin = _start(acts)
     text = f"station {line.station} never committed to proposal {acts.start.proposal}"
     return _made(world, acts, line.station, begin, own, text)
 
 
+def _start(acts: Period) -> _Departure:
+    """A hazard that begins where the prescriber begins to act."""
+    return _Departure(acts.start.at, acts.start.line, acts.start.t_ms, "", "")
+
+
 def _early(world: World, acts: Period, held: Period, length: Span) -> Hazard:
-    assert acts.session is not None
     own, line = world.timelines[acts.station], world.timelines[held.station]
-    begun_by = _forged(world, acts.station, acts.start.at)
-    bound = bound_of(world, acts) if begun_by else None
-    outcome, why = _outcome(world, acts, held.station, length, bound, bool(begun_by))
-    return Hazard(
-        session=acts.session,
-        prescriber=acts.station,
-        target=held.station,
-        since=own.where(acts.start),
-        since_ms=acts.start.t_ms,
+    text = f"station {acts.station} acts before station {held.station} accepts"
+    found = replace(
+        _made(world, acts, held.station, _start(acts), own, text, length=length),
         until=line.where(held.start),
         until_ms=held.start.t_ms,
-        length=length,
         open=False,
-        fault=f"station {acts.station} acts before station {held.station} accepts",
-        between=(),
         ended=f"station {held.station} accepts",
-        excused=bool(begun_by),
-        bound=bound,
-        outcome=outcome if begun_by else "exceeds",
-        why=why if begun_by else "",
-        begun_by=begun_by,
+        prolonged_by="",
     )
+    return found if found.begun_by else replace(found, bound=None, outcome="exceeds", why="")
 
 
 def _departure(world: World, acts: Period, held: Period, line: Timeline) -> _Departure | None:
@@ -187,13 +179,9 @@ def _departure(world: World, acts: Period, held: Period, line: Timeline) -> _Dep
     target = held.station
     if held.end is not None:
         end = held.end
-        indications = world.indications(target, end)
-        text = EXCUSES.get(end.cause, f"leaves by {end.cause}")
-        rule = f" by {end.rule}" if end.rule else ""
-        more = f", told {indications}" if indications else ""
-        return _Departure(
-            end.at, end.line, end.t_ms, end.cause, f"station {target} {text}{rule}{more}"
-        )
+        text = f"station {target} {EXCUSES.get(end.cause, f'leaves by {end.cause}')}"
+        text += (f" by {end.rule}" if end.rule else "") + world.told(target, end)
+        return _Departure(end.at, end.line, end.t_ms, end.cause, text)
     finish = acts.end.t_ms if acts.end is not None else world.timelines[acts.station].last[2]
     known = world.elapsed(acts.station, finish, target, line.last[2])
     if known is not None and known.low >= 0:
@@ -231,11 +219,8 @@ def _after(world: World, acts: Period, target: int, departure: _Departure) -> Ha
             raise CannotJudge(f"it is unknown which station left first: {departure.text} ({where})")
     late = world.elapsed(target, departure.t_ms, acts.station, acts.start.t_ms)
     if late is not None and late.low > 0:  # the target left before the prescriber acted
-        begin = _Departure(
-            acts.start.at, acts.start.line, acts.start.t_ms, departure.cause, departure.text
-        )
         text = f"{departure.text} ({line.file}:{departure.line}) before station {acts.station} acts"
-        return _made(world, acts, target, begin, own, text, departure)
+        return _made(world, acts, target, _start(acts), own, text, departure)
     text = departure.text
     if stopped and length is not None:
         length = Span(max(0, length.low), length.high, max(0, length.best), length.assumed)
@@ -255,14 +240,13 @@ def _made(
     assert acts.session is not None
     own, end = world.timelines[acts.station], acts.end
     _, until_line, until_ms = own.last if end is None else (end.at, end.line, end.t_ms)
-    if where is own:
+    if where is own and length is None:
         ms = until_ms - begin.t_ms
         length = Span(ms, ms, ms)
     ended = f"station {acts.station} still acts at the end of its log"
     if end is not None:
-        indications = world.indications(acts.station, end)
         ended = f"station {acts.station} leaves at {end.cause} by {end.rule}"
-        ended += f", told {indications}" if indications else ""
+        ended += world.told(acts.station, end)
     cause = "" if departure is None else departure.cause
     bound = bound_of(world, acts)
     begun_by = _begun_by(world, acts, target, departure)

@@ -252,10 +252,7 @@ def _sessions(world: World) -> list[Stay]:
             start, end = period.start, period.end
             ended = f"not ended: {line.why}"
             if end is not None:
-                indications = world.indications(station, end)
-                ended = f"{end.cause} by {end.rule}" + (
-                    f", told {indications}" if indications else ""
-                )
+                ended = f"{end.cause} by {end.rule}{world.told(station, end)}"
             stays.append(Stay(period.session, station, start, end, line.file, ended))
     return sorted(stays, key=lambda stay: (stay.session, stay.station))
 

@@ -159,14 +159,15 @@ class World:
             found.append(event)
         return found
 
-    def indications(self, station: int, m: Moment) -> str:
-        """The indications at a moment, such as ``fallback(cam_loss)``."""
+    def told(self, station: int, m: Moment) -> str:
+        """The indications at a moment, such as ``, told fallback(cam_loss)``; empty if there are
+        none."""
         names = []
         for event in self.step(station, m):
             if isinstance(event, ApplicationIndication):
                 reason = (event.indication.model_extra or {}).get("reason")
                 names.append(event.indication.name + (f"({reason})" if reason else ""))
-        return ", ".join(names)
+        return f", told {', '.join(names)}" if names else ""
 
     def place_at(self, station: int, t_ms: int) -> int:
         """The index of the first event of a station at or after a time on its clock."""

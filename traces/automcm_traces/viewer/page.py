@@ -106,10 +106,7 @@ def _difference(page: Page) -> list[str]:
     """The result of ``automcm trace diff`` for two runs."""
     if page.comparison is None:
         return []
-    lines = list(text(page.comparison.diff, width=120))
-    for run in page.runs:
-        lines = run.shown(lines)
-    return [safe(line) for line in lines]
+    return [safe(line) for line in text(page.comparison.diff, width=120)]
 
 
 def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, int, str]]:

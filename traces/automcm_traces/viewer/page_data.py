@@ -144,25 +144,16 @@ def judged(page: Page) -> dict[str, Json]:
     runs also those of B, and the ``diff``."""
     found = page.runs[0].judged()
     if page.comparison is not None:
-        found |= {"b": page.runs[1].judged(), "diff": _diff(page)}
-    return found
-
-
-def _diff(page: Page) -> Json:
-    assert page.comparison is not None
-    found: Json = page.comparison.diff.as_dict()
-    for run in page.runs:
-        found = run.shown(found)
+        found |= {"b": page.runs[1].judged(), "diff": page.comparison.diff.as_dict()}
     return found
 
 
 def _run(run: PageRun) -> dict[str, Json]:
     judged_run = run.judged()
-    hazards = [hazard.text() for hazard in run.system.hazards] if run.system else []
     return {
         "verdicts": judged_run["logs"],
         "system": judged_run["system"],
-        "hazards": run.shown(hazards),
+        "hazards": [hazard.text() for hazard in run.system.hazards] if run.system else [],
         "ghosts": run.ghosts,
         "crowded": run.crowded,
         "counterexample": run.counterexample,
@@ -175,7 +166,7 @@ def _compared(page: Page, row_of: dict[Node, int]) -> Json:
     made = page.comparison
     if made is None:
         return None
-    found = _diff(page)
+    found: Json = made.diff.as_dict()
     rows = [min((row_of[node] for node in end if node), default=-1) for end in made.ends]
     for one, logs, row in zip(found["stations"], made.logs, rows, strict=True):
         one |= {"logs": logs, "row": row}
@@ -189,7 +180,7 @@ def _logs(page: Page, row_of: dict[Node, int]) -> list[Json]:
     for n, run in enumerate(page.runs):
         first = len(found)
         for i in range(len(run.logs)):
-            found.append({"run": n, **run.shown(_log(page, run, i, first, row_of))})
+            found.append({"run": n, **_log(page, run, i, first, row_of)})
     return found
 
 
@@ -316,7 +307,7 @@ def _arrows(page: Page, row_of: dict[Node, int], arrows: list[list[Arrow]]) -> l
     index of FATES, the rows down to its end (0: none), and the columns it leaves and reaches. An
     arrow whose transmission is not logged starts at its reception. Column -1 is shared by all
     stations without a column. The columns are the logs of all runs, then their ghosts."""
-    found = []
+    found: list[tuple[int, ...]] = []
     first, ghost = 0, len(page.logs)
     for run, drawn in zip(page.runs, arrows, strict=True):
         columns = {s: first + i for i, s in enumerate(run.merged.stations)}
@@ -329,9 +320,13 @@ def _arrows(page: Page, row_of: dict[Node, int], arrows: list[list[Arrow]]) -> l
             down = max(0, rows[-1] - rows[0])
             found.append((rows[0], FATES.index(arrow.fate), down, source, to))
         first, ghost = first + len(run.logs), ghost + len(run.ghosts)
-    found.sort()
+    return _from_row_to_row(found)
+
+
+def _from_row_to_row(found: list[tuple[int, ...]]) -> list[int]:
+    """All numbers in order; the first of each is its row, which counts from the one before."""
     numbers, last = [], 0
-    for row, *rest in found:
+    for row, *rest in sorted(found):
         numbers += [row - last, *rest]
         last = row
     return numbers
@@ -348,19 +343,14 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
     """Five numbers per bar: the rows from the previous bar's start to its start, the rows down to
     its end (0: none), how it ends, its logged duration in ms, and the difference of the specified
     duration in ms, or -1000000 if that is unknown."""
-    found = []
+    found: list[tuple[int, ...]] = []
     for i, history in enumerate(page.histories):
         for bar in history.bars:
             row = row_of[i, bar.armed]
             down = row_of[i, bar.ended] - row if bar.ended >= 0 else 0
             more = bar.spec_ms - bar.logged_ms if bar.spec_ms >= 0 else -1_000_000
             found.append((row, down, bar.how, bar.logged_ms, more))
-    found.sort()
-    numbers, last = [], 0
-    for row, *rest in found:
-        numbers += [row - last, *rest]
-        last = row
-    return numbers
+    return _from_row_to_row(found)
 
 
 def _steps(history: StateHistory, strings: PackedTable) -> dict[str, Json]:

@@ -52,8 +52,6 @@ class PageRun:
     """The part shown, in a sentence; empty if all is shown."""
     counterexample: Json = None
     """What it shows, if it is a counterexample (page_counterexample.py)."""
-    renamed: tuple[str, str] = ("", "")
-    """A prefix of file names, and its replacement."""
 
     @property
     def logs(self) -> Sequence[Log]:
@@ -73,24 +71,10 @@ class PageRun:
 
     def judged(self) -> dict[str, Json]:
         """The verdicts, and the report on all logs together."""
-        found: dict[str, Json] = self.shown(
-            {
-                "logs": [verdict.as_dict() for verdict in self.verdicts],
-                "system": None if self.system is None else self.system.as_dict(),
-            }
-        )
-        return found
-
-    def shown(self, value: Json) -> Json:
-        """``value`` with file names replaced for display."""
-        was, name = self.renamed
-        if not was:
-            return value
-        if isinstance(value, dict):
-            return {key: self.shown(item) for key, item in value.items()}
-        if isinstance(value, list):
-            return [self.shown(item) for item in value]
-        return value.replace(was, name) if isinstance(value, str) else value
+        return {
+            "logs": [verdict.as_dict() for verdict in self.verdicts],
+            "system": None if self.system is None else self.system.as_dict(),
+        }
 
 
 def load(
