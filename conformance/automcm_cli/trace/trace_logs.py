@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +13,7 @@ from automcm_cli.shared.common import Json, Late, code_3, progress, say, say_lin
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
-    from automcm_traces.explain.log_table import FilteredRows
+    from automcm_traces.explain.log_table import TableRow
 
 Logs = Annotated[
     list[Path],
@@ -146,7 +146,7 @@ def show(
         say(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
         say(f"show: warning: no log of station {missing}", err=True)
-    shown = show_.FilteredRows(together, wanted, last)
+    shown = together.filtered(wanted, last)
     if json_ is not None:
         write_json(json_, {"rows": [row.as_dict() for row in shown]})
     else:
@@ -154,11 +154,11 @@ def show(
         _print(shown, stations, width, paths, absolute, all_)
         if wanted.hidden_cams:
             say(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
-    raise typer.Exit(0 if shown.good else 3)
+    raise typer.Exit(0 if together.good else 3)
 
 
 def _print(
-    shown: FilteredRows,
+    shown: Iterable[TableRow],
     stations: Sequence[int],
     width: int,
     logs: Sequence[Path],
@@ -188,8 +188,8 @@ def _print(
 
     for line in table.head():
         put("note", line)
-    for row, phase, times in folds(shown, all_):
-        for kind, line in table.lines(row, phase, times):
+    for row, times in folds(shown, all_):
+        for kind, line in table.lines(row, times):
             put(kind, line)
 
 

@@ -26,7 +26,7 @@ from automcm_spec.support.shortening import with_fewer_parts
 from automcm_traces.checker.finding import Finding
 from automcm_traces.edit.log_slice import Item, LogSlice
 from automcm_traces.explain.explain import Verdict, explain, forged, verdicts_of
-from automcm_traces.explain.log_table import TableRow
+from automcm_traces.explain.log_table import TableRow, rows_of
 from automcm_traces.system.properties import SystemReport, judge
 
 TRIES = 3000
@@ -102,9 +102,9 @@ class Shrunk:
     def rows(self) -> list[TableRow]:
         """All remaining events, log by log, with their lines in the new files."""
         return [
-            TableRow(log.header.station, line, item.event)
+            row
             for log in self.logs
-            for line, item in enumerate(log.items, 2)
+            for row in rows_of(log.header.station, enumerate((i.event for i in log.items), 2))
         ]
 
 

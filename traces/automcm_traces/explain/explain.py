@@ -35,7 +35,7 @@ from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import InputStep, Track
 from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import TableRow
+from automcm_traces.explain.log_table import rows_of
 from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.system.delivery import forged_receptions
 from automcm_traces.system.log_merge import Merged, MergeError, merge
@@ -468,7 +468,7 @@ def _diverges(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
         yield f"  in {verdict.sessions[-1]}"
     if verdict.recent and verdict.header is not None:
         station = verdict.header.station
-        rows = [TableRow(station, line, event) for line, event in verdict.recent]
+        rows = rows_of(station, verdict.recent)
         zero = None if start_ms is None else {station: start_ms}
         yield from (f"  {line}" for line in columns(rows, [station], 78, zero))
 

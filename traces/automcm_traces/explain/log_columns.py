@@ -13,8 +13,8 @@ from automcm_spec.log_format.event_text import Kind, Word, fitted, safe, words
 from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import LogStream
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_table import FilteredRows, TableRow
-from automcm_traces.system.copy_folding import Key, folded, key_of, new_phase
+from automcm_traces.explain.log_table import TableRow
+from automcm_traces.system.copy_folding import Key, folded, key_of
 
 WIDTH = 80
 NARROWEST = 20
@@ -56,7 +56,6 @@ class LogTable:
         each = room // max(len(self._stations), 1)
         self._apart = each > NARROWEST or len(self._stations) == 1
         self._width = each - 1 if self._apart else room - 11
-        self._phase: dict[int, str] = {}
 
     def head(self) -> list[str]:
         """The column headings."""
@@ -66,15 +65,11 @@ class LogTable:
         names = " ".join(fitted(str(s), self._width) for s in self._stations)
         return [f"{time} {names}".rstrip()]
 
-    def lines(
-        self, row: TableRow, phase_before: str = "", times: int = 1
-    ) -> Iterator[tuple[Kind, str]]:
+    def lines(self, row: TableRow, times: int = 1) -> Iterator[tuple[Kind, str]]:
         """The row, and a further line if it changes the phase of its station.
 
-        ``phase_before`` is the phase before this row, where earlier rows are left out. ``times``
-        is the number of copies for which the row stands.
+        ``times`` is the number of copies for which the row stands.
         """
-        was = phase_before or self._phase.get(row.station, "")
         t_ms = ""
         if row.event is not None:
             t_ms = str(row.event.t_ms - self._start_ms.get(row.station, 0))
@@ -82,9 +77,8 @@ class LogTable:
         for line in self._texts(row, times):
             yield row.kind, self._cell(gutter, row.station, line)
             gutter = " " * self._gutter
-        if phase := new_phase(row.event, was):
-            yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(phase)}")
-        self._phase[row.station] = phase or was
+        if row.phase:
+            yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(row.phase)}")
 
     def _texts(self, row: TableRow, times: int) -> list[str]:
         """The row as lines that fit."""
@@ -143,17 +137,12 @@ def columns(
     return table.head() + [line for row in rows for _, line in table.lines(row)]
 
 
-def folds(rows: FilteredRows, unfold: bool = False) -> Iterator[tuple[TableRow, str, int]]:
-    """The rows, the phase of the station before each, and the number of copies for which it
-    stands: 1 with ``unfold``."""
+def folds(rows: Iterable[TableRow], unfold: bool = False) -> Iterator[tuple[TableRow, int]]:
+    """The rows, and the number of copies for which each stands: 1 with ``unfold``."""
 
-    def key(item: tuple[TableRow, str]) -> Key | None:
-        row, before = item
+    def key(row: TableRow) -> Key | None:
         if row.event is None or unfold:
             return None
-        return key_of(
-            row.station, row.event, (row.notes, row.arrows), bool(new_phase(row.event, before))
-        )
+        return key_of(row.station, row.event, (row.notes, row.arrows), bool(row.phase))
 
-    for fold in folded(((row, rows.phases.get(row.station, "")) for row in rows), key):
-        yield *fold.first, fold.times
+    return ((fold.first, fold.times) for fold in folded(rows, key))

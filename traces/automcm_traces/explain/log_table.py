@@ -13,7 +13,7 @@ from automcm_spec.log_format.event_text import Kind, kind, safe, session_of, sum
 from automcm_spec.log_format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import LogStream, Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.system.copy_folding import OfCams
+from automcm_traces.system.copy_folding import OfCams, Phases
 from automcm_traces.system.event_order import Head, ordered
 from automcm_traces.system.fates import Arrow, Fate, Fates, head
 from automcm_traces.system.matching import Ledger, Matches
@@ -35,6 +35,8 @@ class TableRow:
     arrows: tuple[Arrow, ...] = ()
     """The messages that arrive here, or that leave here and arrive nowhere, without their
     places."""
+    phase: str = ""
+    """The phase that begins here; empty if it stays the same."""
     problem: bool = False
     """Whether the log cannot be read any further."""
 
@@ -82,6 +84,8 @@ class Logs:
             names = " and ".join(repr(run) for run in list(runs)[:2])
             self.warnings.append(safe(f"the logs are of different runs: {names}"))
         self.stations = tuple(sorted(self._paths))
+        self.good = True
+        """Whether every log has been readable so far."""
 
     def rows(self) -> Iterator[TableRow]:
         """All rows, read lazily: several logs twice, to match their messages."""
@@ -107,7 +111,13 @@ class Logs:
             yield head(_noted(row, plain, fates, i), (i, k), row.event, arrows)
             k, t_ms = k + 1, row.event.t_ms
 
+    def filtered(self, wanted: Filter, last: int = 0) -> Iterable[TableRow]:
+        """The rows that pass a filter, in order; with ``last``, only that many from the end."""
+        rows = filter(wanted.passes, self.rows())
+        return deque(rows, maxlen=last) if last else rows
+
     def _rows(self, station: int) -> Iterator[TableRow]:
+        phases = Phases()
         try:
             for entry in records(self._paths[station], gaps=True):
                 match entry.record:
@@ -119,10 +129,19 @@ class Logs:
                         more = f", {lost} records lost" if lost else ""
                         yield TableRow(station, entry.line, None, f"-- end: {reason}{more}")
                     case event:
-                        yield TableRow(station, entry.line, event)
+                        phase = phases.change(station, event)
+                        yield TableRow(station, entry.line, event, phase=phase)
         except BadInput as error:
             problem = f"{error.field}: {error.problem}" if error.field else error.problem
+            self.good = False
             yield TableRow(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
+
+
+def rows_of(station: int, events: Iterable[tuple[int, Event]]) -> Iterator[TableRow]:
+    """The rows of events of one station, with their lines."""
+    phases = Phases()
+    for line, event in events:
+        yield TableRow(station, line, event, phase=phases.change(station, event))
 
 
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}
@@ -195,42 +214,3 @@ class Filter:
         if event.ev == "command" and self.session and self.session[0] == row.station:
             return self.session  # a request has no session yet
         return None
-
-
-def before(rows: Iterable[TableRow], station: int, line: int, most: int) -> list[TableRow]:
-    """The last ``most`` rows up to and including a line of a station's log."""
-    last: deque[TableRow] = deque(maxlen=most)
-    for row in rows:
-        last.append(row)
-        if (row.station, row.line) == (station, line):
-            break
-    return list(last)
-
-
-class FilteredRows:
-    """The rows that pass a filter, in order; with ``last``, only that many from the end."""
-
-    def __init__(self, logs: Logs, wanted: Filter, last: int = 0) -> None:
-        self.good = True
-        """Whether every log has been readable so far."""
-        self._logs, self._wanted, self._last = logs, wanted, last
-        self.phases: dict[int, str] = {}
-        """The phase of each station before the next row."""
-
-    def __iter__(self) -> Iterator[TableRow]:
-        if not self._last:
-            yield from self._rows()
-            return
-        kept: deque[tuple[TableRow, dict[int, str]]] = deque(maxlen=self._last)
-        for row in self._rows():
-            kept.append((row, dict(self.phases)))
-        for row, self.phases in kept:
-            yield row
-
-    def _rows(self) -> Iterator[TableRow]:
-        for row in self._logs.rows():
-            self.good = self.good and not row.problem
-            if self._wanted.passes(row):
-                yield row
-            if row.event is not None and row.event.phase is not None:
-                self.phases[row.station] = row.event.phase

@@ -13,7 +13,7 @@ from automcm_spec.log_format.log import (
 )
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import TableRow
-from automcm_traces.system.copy_folding import Key, Phases, folded, key_of
+from automcm_traces.system.copy_folding import Key, folded, key_of
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
@@ -44,16 +44,14 @@ def diagram(
     are left out. Copies are one arrow, unless ``unfold``. After ``most`` arrows, a note states the
     number of the remaining messages.
     """
-    kept = [row for row in rows if row.event is None or not row.event.is_cam]
+    kept = [row for row in rows if row.event is None or row.phase or not row.event.is_cam]
     known = {*stations, *(s for row in kept for a in row.arrows for s in (a.source, a.to))}
     known -= {ANYONE}
     yield "sequenceDiagram"
     yield from (f"  participant S{station} as {station}" for station in sorted(known))
     drawn = left_out = 0
-    phases = Phases()
-    rows_ = ((row, phases.change(row.station, row.event)) for row in kept)
-    for fold in folded(rows_, _unique if unfold else _key):
-        row, phase = fold.first
+    for fold in folded(kept, _unique if unfold else _key):
+        row = fold.first
         room = max(0, most - drawn)
         drawn += len(row.arrows)
         left_out += fold.times * len(row.arrows[room:])
@@ -62,21 +60,20 @@ def diagram(
             continue
         if isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):
             yield f"  Note over S{row.station}: {_plain(summary(row.event))}"
-        if phase:
-            yield f"  Note over S{row.station}: = {_plain(phase)}"
+        if row.phase:
+            yield f"  Note over S{row.station}: = {_plain(row.phase)}"
     if left_out:
         first, last = min(known), max(known)
         yield f"  Note over S{first},S{last}: {left_out} more messages are not shown"
 
 
-def _key(item: tuple[TableRow, str]) -> Key | None:
-    row, phase = item
+def _key(row: TableRow) -> Key | None:
     if row.event is None:
         return None
-    return key_of(row.station, row.event, row.arrows, bool(phase))
+    return key_of(row.station, row.event, row.arrows, bool(row.phase))
 
 
-def _unique(item: tuple[TableRow, str]) -> None:
+def _unique(row: TableRow) -> None:
     """No key: nothing folds."""
 
 

@@ -84,23 +84,19 @@ class OfCams:
 
 
 class Phases:
-    """The phases of stations, whose events come in order."""
+    """The phases of stations, whose events come in order; each starts in STANDALONE."""
 
     def __init__(self) -> None:
         self._now: dict[int, str] = {}
 
     def change(self, station: int, event: Event | None) -> str:
         """The phase after the next event of a station; empty if it stays the same."""
-        phase = new_phase(event, self._now.get(station))
-        self._now[station] = phase or self._now.get(station, "")
-        return phase
-
-
-def new_phase(event: Event | None, before: str | None) -> str:
-    """The phase after an event, if it is another than ``before``; a station starts in
-    STANDALONE."""
-    phase = None if event is None else event.phase
-    return "" if phase is None or phase == (before or "STANDALONE") else phase
+        before = self._now.setdefault(station, "STANDALONE")
+        after = None if event is None else event.phase
+        if after is None or after == before:
+            return ""
+        self._now[station] = after
+        return after
 
 
 def key_of(station: int, event: Event, fate: Hashable = None, changes: bool = False) -> Key | None:

@@ -17,7 +17,7 @@ from automcm_spec.log_format.event_text import fitted, safe, summary
 from automcm_spec.log_format.log import RECORD, Receive, Send
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, TableRow, before
+from automcm_traces.explain.log_table import Filter, Logs, TableRow
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 
@@ -45,7 +45,7 @@ def log(folder: Path, station: int, *events: Line, end: bool = True, **head: Any
 
 
 def rows(*paths: Path, **wanted: Any) -> list[TableRow]:
-    return list(FilteredRows(Logs(paths), Filter(**wanted)))
+    return list(Logs(paths).filtered(Filter(**wanted)))
 
 
 def placed(shown: list[TableRow]) -> list[tuple[int, int]]:
@@ -107,17 +107,17 @@ def test_columns_of_two_stations(tmp_path: Path) -> None:
         "       9      2                                 <- Prescription 7 p2 7/1#1",
         "      10      3                                 RESTART",
     ]
-    assert [(r.station, r.line) for r in before(logs.rows(), 8, 2, 2)] == [(7, 5), (8, 2)]
 
 
 def test_the_end_a_gap_and_a_line_that_cannot_be_read_are_rows(tmp_path: Path) -> None:
     path = log(tmp_path, 7, event("restart"), event("restart"), event("restart"))
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([*lines[:2], lines[3], "rubbish\n"]))
-    shown = FilteredRows(Logs([path]), Filter())
+    logs = Logs([path])
+    shown = logs.filtered(Filter())
     words = [" ".join([*row.notes, row.as_dict()["text"]]) for row in shown]
     assert words[1].startswith("-- seq: 3 after 1, expected 2: 1 missing")
-    assert words[3].startswith("-- UNREADABLE: not JSON") and not shown.good
+    assert words[3].startswith("-- UNREADABLE: not JSON") and not logs.good
 
 
 def test_filters(tmp_path: Path) -> None:
@@ -148,14 +148,15 @@ def test_filters(tmp_path: Path) -> None:
     assert lines(from_line=7) == [7, 8, 10]
     assert lines(stations=frozenset({8})) == []
     wanted = Filter()
-    list(FilteredRows(Logs([path]), wanted))
+    list(Logs([path]).filtered(wanted))
     assert wanted.hidden_cams == 2
 
 
 def test_the_last_rows_know_the_phase_before_them(tmp_path: Path) -> None:
     path = log(tmp_path, 7, event("restart", phase="WAITING"), event("restart", phase="WAITING"))
-    shown = FilteredRows(Logs([path]), Filter(), last=2)
-    assert [(row.line, shown.phases) for row in shown] == [(3, {7: "WAITING"}), (4, {7: "WAITING"})]
+    shown = list(Logs([path]).filtered(Filter()))
+    assert [(row.line, row.phase) for row in shown] == [(2, "WAITING"), (3, ""), (4, "")]
+    assert [*Logs([path]).filtered(Filter(), last=2)] == shown[1:]
 
 
 def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path: Path) -> None:
@@ -222,7 +223,7 @@ def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
     received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(800)]
     paths = [log(tmp_path, 7, *sent), log(tmp_path, 8, *received)]
     tracemalloc.start()
-    assert sum(1 for _ in FilteredRows(Logs(paths), Filter(), last=3)) == 3
+    assert sum(1 for _ in Logs(paths).filtered(Filter(), last=3)) == 3
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000

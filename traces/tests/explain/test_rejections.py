@@ -13,7 +13,7 @@ from automcm.security.verifier import Rejection
 from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
 from automcm_traces.explain.log_columns import folds
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
+from automcm_traces.explain.log_table import Filter, Logs
 from automcm_traces.explain.rejections import CAUSES, QUESTIONS, cause_of
 from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.log_merge import merge
@@ -166,10 +166,8 @@ def test_what_was_accepted_too_is_delivered() -> None:
 
 def test_datagrams_rejected_for_the_same_reason_fold(tmp_path: Path) -> None:
     sent = [("2:1", "stale")] * 4 + [("3:1", "stale")] + [("3:1", "early")]
-    rows = FilteredRows(Logs([log(tmp_path, *sent)]), Filter())
-    assert [(" ".join([*row.notes, row.as_dict()["text"]]), n) for row, _, n in folds(rows)][
-        :-1
-    ] == [
+    rows = Logs([log(tmp_path, *sent)]).filtered(Filter())
+    assert [(" ".join([*row.notes, row.as_dict()["text"]]), n) for row, n in folds(rows)][:-1] == [
         ("<- rejected 2 stale", 4),
         ("<- rejected 3 stale", 1),
         ("<- rejected 3 early", 1),

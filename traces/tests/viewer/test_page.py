@@ -32,7 +32,7 @@ from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.explain.log_columns import folds
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs
+from automcm_traces.explain.log_table import Filter, Logs
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import SCRIPTS, VIEWER, html
@@ -163,7 +163,7 @@ def test_a_page_folds_the_rows_that_show_folds_and_copies_of_other_fates(path: P
     copy, flags = column(rows, "copy"), column(rows, "flags")
     lines = list(accumulate(column(rows, "line"), lambda a, b: a + b + 1))
     kept = [n for n, line in enumerate(lines) if not copy[n] and not flags[n] & OF_CAM]
-    shown = folds(FilteredRows(Logs([path]), Filter()))
+    shown = folds(Logs([path]).filtered(Filter()))
     heads = {row.line for row, *_ in shown if row.event}
     assert 0.5 * len(heads) < len(kept) and {lines[n] + 2 for n in kept} <= heads
 
