@@ -137,7 +137,7 @@ def _logs_of(counterexample: Path) -> dict[str, bytes]:
 def _itf_of(*paths: Path) -> dict[str, bytes]:
 
     from automcm_spec.log_format.reader import read
-    from automcm_traces.export.arrow_rows import arrow_rows
+    from automcm_traces.explain.log_table import arrow_rows
     from automcm_traces.export.itf_log import from_log
 
     logs = {path: read(path) for path in paths}

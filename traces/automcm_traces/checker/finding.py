@@ -55,10 +55,6 @@ class Why:
     """Whether the last input could have led to the logged event, had a guard been different. If
     not, the rule that decided that input is not the cause."""
 
-    def as_dict(self) -> dict[str, object]:
-        """The ``--json`` form."""
-        return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
-
     def lines(self) -> list[str]:
         """The text, one fact per line."""
         found = [self.nearest] if self.nearest else []

@@ -29,8 +29,6 @@ class CanonicalEvent:
     line: int
     event: Event
     fields: dict[str, Json]
-    phase: tuple[str | None, str | None]
-    """Phase and role after it, where the log states them."""
 
     @property
     def key(self) -> str:
@@ -126,8 +124,7 @@ class Canonical:
 
     def _canonical_event(self, line: int, event: Event) -> CanonicalEvent:
         fields = event.model_dump(by_alias=True, exclude_none=True)
-        phase = fields.pop("phase", None), fields.pop("role", None)
-        for name in ("rec", "seq", "t_ms", "tx", "rule"):
+        for name in ("rec", "seq", "t_ms", "tx", "rule", "phase", "role"):
             fields.pop(name, None)
         deadline = fields.pop("deadline", None)
         timer = fields.get("timer", {})
@@ -140,7 +137,7 @@ class Canonical:
         indication = fields.get("indication")
         if indication is not None:
             indication.pop("rule", None)
-        return CanonicalEvent(line, event, fields, phase)
+        return CanonicalEvent(line, event, fields)
 
     def _plain(self, value: Json, mine: int) -> Json:
         """The comparable form of a message or another value that names stations, sessions or

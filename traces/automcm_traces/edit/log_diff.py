@@ -279,7 +279,8 @@ def _phases(
     """The inputs of two steps, if both state the phase or role after it and these differ."""
     if a.input is None or b.input is None:
         return None
-    pairs = zip(("phase", "role"), a.input.phase, b.input.phase, strict=True)
+    one, other = a.input.event, b.input.event
+    pairs = ("phase", one.phase, other.phase), ("role", one.role, other.role)
     apart = tuple((name, x, y) for name, x, y in pairs if x and y and x != y)
     return (a.input, b.input, apart) if apart else None
 

@@ -338,7 +338,7 @@ def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], System
     try:
         merged = merge(_complete_logs(found))
     except MergeError:
-        return verdicts(found), together(found)
+        return verdicts(found), judge(_complete_logs(found), _timelines(found))
     return _with_forged(found, _forged_in(merged)), judge_merged(merged, _timelines(found))
 
 
@@ -358,11 +358,6 @@ def _with_forged(found: Sequence[JudgedLog], foreign: Mapping[str, Finding]) -> 
         else v
         for v in (one.verdict for one in found)
     ]
-
-
-def together(found: Sequence[JudgedLog]) -> SystemReport:
-    """The system report on the logs of one run; unreadable logs are left out."""
-    return judge(_complete_logs(found), _timelines(found))
 
 
 def _timelines(found: Sequence[JudgedLog]) -> dict[str, Timeline]:

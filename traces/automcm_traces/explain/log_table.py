@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -142,6 +142,25 @@ def rows_of(station: int, events: Iterable[tuple[int, Event]]) -> Iterator[Table
     phases = Phases()
     for line, event in events:
         yield TableRow(station, line, event, phase=phases.change(station, event))
+
+
+def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, TableRow]]:
+    """The rows with arrows, each with its file.
+
+    Logs of one run are judged together; if two of them are of one station, each alone. Raises
+    BadInput for a file without a header.
+    """
+    runs: dict[str, list[tuple[int, Path]]] = defaultdict(list)
+    for path in paths:
+        header = header_of(path)
+        runs[header.run].append((header.station, path))
+    for logs in runs.values():
+        file_of = dict(logs)
+        groups = [file_of] if len(file_of) == len(logs) else [{s: path} for s, path in logs]
+        for group in groups:
+            for row in Logs(list(group.values())).rows():
+                if row.arrows:
+                    yield group[row.station], row
 
 
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}

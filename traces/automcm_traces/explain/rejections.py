@@ -16,38 +16,24 @@ from automcm_traces.system.fates import ANYONE, source_of
 
 Cause = Literal["forged", "replayed", "stale", "untrusted", "malformed", "other"]
 """``untrusted``: the signer's certificate is missing or not valid."""
-CAUSES: Final[Mapping[str, Cause]] = {
-    "bad_signature": "forged",
-    "wrong_source": "forged",
-    "not_permitted": "forged",
-    "replayed": "replayed",
-    "stale": "stale",
-    "early": "stale",
-    "unknown_authority": "untrusted",
-    "certificate_expired": "untrusted",
-    "certificate_not_yet": "untrusted",
-    "revoked": "untrusted",
-    "unknown_signer": "untrusted",
-    "too_long": "malformed",
-    "malformed": "malformed",
-    "over_budget": "other",
+CAUSES: Final[Mapping[str, tuple[Cause, str]]] = {
+    "bad_signature": ("forged", "do they sign with the key of their certificate?"),
+    "wrong_source": ("forged", "do they send under an id of their certificate?"),
+    "not_permitted": ("forged", "does their certificate permit their role?"),
+    "replayed": ("replayed", ""),
+    "stale": ("stale", "do the clocks agree?"),
+    "early": ("stale", "do the clocks agree?"),
+    "unknown_authority": ("untrusted", "does this station know their authority?"),
+    "certificate_expired": ("untrusted", "was their certificate renewed, and is the clock right?"),
+    "certificate_not_yet": ("untrusted", "is the clock right?"),
+    "revoked": ("untrusted", "should their certificate be revoked?"),
+    "unknown_signer": ("untrusted", "do they send their certificate?"),
+    "too_long": ("malformed", "do they sign their messages, with the same codec?"),
+    "malformed": ("malformed", "do they sign their messages, with the same codec?"),
+    "over_budget": ("other", ""),
 }
-"""By reason. Of the reasons of one cause, the first one explains the others: a signer is unknown
-because its certificate was not accepted."""
-QUESTIONS: Final[Mapping[str, str]] = {
-    "bad_signature": "do they sign with the key of their certificate?",
-    "wrong_source": "do they send under an id of their certificate?",
-    "not_permitted": "does their certificate permit their role?",
-    "stale": "do the clocks agree?",
-    "early": "do the clocks agree?",
-    "unknown_authority": "does this station know their authority?",
-    "certificate_expired": "was their certificate renewed, and is the clock right?",
-    "certificate_not_yet": "is the clock right?",
-    "revoked": "should their certificate be revoked?",
-    "unknown_signer": "do they send their certificate?",
-    "too_long": "do they sign their messages, with the same codec?",
-    "malformed": "do they sign their messages, with the same codec?",
-}
+"""By reason, with a question that hints at why it comes about. Of the reasons of one cause, the
+first one explains the others: a signer is unknown because its certificate was not accepted."""
 LEAST: Final = 3
 """The minimum number of rejected messages of a station for a hint."""
 MOST: Final = 100
@@ -56,7 +42,7 @@ MOST: Final = 100
 
 def cause_of(reason: str) -> Cause:
     """What a logged reason means."""
-    return CAUSES.get(reason, "other")
+    return CAUSES[reason][0] if reason in CAUSES else "other"
 
 
 class Rejections(Watcher):
@@ -97,8 +83,7 @@ class Rejections(Watcher):
             heard = sender in self._accepted or (sender == ANYONE and self._accepted)
             if heard or reasons.total() < LEAST or len(set(map(cause_of, reasons))) > 1:
                 continue
-            reason = next((r for r in CAUSES if r in reasons), "")
-            if question := QUESTIONS.get(reason):
+            if question := next((CAUSES[r][1] for r in CAUSES if r in reasons), ""):
                 whose = f" that name station {sender} as sender" if sender else ""
                 all_ = f"all {reasons.total()} messages{whose} were rejected"
                 yield f"{all_} ({counted(reasons)}): {question}"

@@ -18,7 +18,7 @@ from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import SCHEMA
 from automcm_spec.log_format.reader import header_of, records
 from automcm_spec.support.bad_input import name_of, one_line
-from automcm_traces.export.arrow_rows import arrow_rows
+from automcm_traces.explain.log_table import arrow_rows
 
 TOPIC = "/automcm/"
 """The name of a channel is this and the id of its station."""

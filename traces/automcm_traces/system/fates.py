@@ -132,7 +132,7 @@ class Fates:
     def _not_received(self, i: int, t_ms: int, to: int) -> Fate:
         """The fate of a message that its addressee's log does not contain."""
         j, clocks = self._matches.places.get(to), self._matches.clocks
-        log = None if j is None else self._matches.ledgers[j].promised
+        log = None if j is None else self._matches.ledgers[j]
         if j is None or log is None or not log.receives:
             return "unobserved"
         began = clocks.between(i, t_ms, j, log.first_ms)
@@ -178,7 +178,7 @@ class Fates:
         if sender in self._matches.places:
             if sender == me and (tx is None or transmission(tx)[1] in self._own):
                 return None
-            why = self._log(sender).promised.not_sent(tx, logged)
+            why = self._log(sender).not_sent(tx, logged)
             if why is not None:
                 self.forged[node] = why
                 return "forged"
@@ -190,7 +190,7 @@ class Fates:
         contains that transmission."""
         sender = ANYONE if tx is None else transmission(tx)[0]
         if sender in self._matches.places and (
-            sender == receiver or (not logged and self._log(sender).promised.not_sent(tx, False))
+            sender == receiver or (not logged and self._log(sender).not_sent(tx, False))
         ):
             return ANYONE
         return sender

@@ -14,7 +14,6 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
@@ -48,54 +47,6 @@ def sender_of(message: Fields, tx: str | None) -> int | None:
         return transmission(tx)[0]
     src = message.get("src")
     return src if type(src) is int else None
-
-
-@dataclass(frozen=True, slots=True)
-class Promised:
-    """The messages that a log promises to contain."""
-
-    file: str
-    sends: bool
-    receives: bool
-    """Whether it contains all messages between its first and its last event."""
-    ended: bool
-    """Whether it has an end record; without one, events may be missing at the end."""
-    first_ms: int
-    last_ms: int
-    t_life: int
-    last_sent: int
-    """The highest transmission number."""
-
-    @staticmethod
-    def by(
-        file: str,
-        header: Header,
-        span: tuple[int, int] = (0, 0),
-        last_sent: int = 0,
-        lost: int | None = 0,
-        mid_session: bool = False,
-    ) -> Promised:
-        """The coverage of a log from the first to the last time in ``span``. ``lost`` is the number
-        of lost records in the end record; None without one. A log that begins in mid-session
-        promises nothing: its station may have sent and received more before."""
-        life = header.known.get("t_life", Parameters().t_life)
-        whole = not (lost or mid_session)
-        sends, receives = (whole and kind in header.complete for kind in ("send", "receive"))
-        return Promised(file, sends, receives, lost is not None, *span, life, last_sent)
-
-    def not_sent(self, tx: str | None, logged: bool) -> str | None:
-        """Why a received message without a matching transmission was certainly not sent.
-
-        ``logged`` is whether the log has another message under this tx. None if the message may
-        have been sent: the log is not complete, or ends earlier.
-        """
-        if not self.sends:
-            return None
-        if logged:
-            return f"{self.file} has another message under this tx"
-        if not self.ended and (tx is None or transmission(tx)[1] > self.last_sent):
-            return None
-        return f"{self.file} contains no such sent message"
 
 
 class Messages:
@@ -137,11 +88,18 @@ class Messages:
 
 
 class Ledger:
-    """What matching needs of one log."""
+    """What matching needs of one log, and what the log promises to contain."""
 
     def __init__(self, file: str, header: Header, *, unread: bool = False) -> None:
-        self.header, self.unread = header, unread
-        self.promised = Promised.by(file, header, mid_session=header.begins is not None)
+        self.file, self.header, self.unread = file, header, unread
+        self.sends = self.receives = False
+        """Whether it contains all messages sent, or received, from its first to its last event."""
+        self.ended = True
+        """Whether it has an end record; without one, events may be missing at the end."""
+        self.first_ms = self.last_ms = 0
+        self.t_life = header.known.get("t_life", Parameters().t_life)
+        self.last_sent = 0
+        """The highest transmission number."""
         self.sent, self.received = Messages(), Messages()
         self.senders = array("Q")
         """Of each received message."""
@@ -161,29 +119,50 @@ class Ledger:
         with suppress(BadInput):
             next(iter(log), None)  # the first event tells whether the log begins late
         made = Ledger(log.file, log.header, unread=True)
-        made.promised = Promised.by(log.file, log.header, mid_session=log.mid_session)
+        made._promise(log, 0)
         return made
 
     @staticmethod
     def of(log: Log | LogStream) -> Ledger:
         """The ledger of a log, up to where it is readable; it promises nothing after a gap."""
         made = Ledger(log.file, log.header)
-        times: list[int] = []
-        last_sent, lost = 0, None
+        lost: int | None = None
         try:
             for _, event in log:
                 made.add(event)
                 if not _has_gap(log):
-                    times[1:] = [event.t_ms]
-                    number = made.sent.numbers[-1] if isinstance(event, Send) else 0
-                    last_sent = max(last_sent, number)
+                    made.first_ms = event.t_ms if made._events == 1 else made.first_ms
+                    made.last_ms = event.t_ms
+                    if isinstance(event, Send):
+                        made.last_sent = max(made.last_sent, made.sent.numbers[-1])
             if log.end is not None and not _has_gap(log):
                 lost = log.end.lost_records
         except BadInput:
             pass  # reported where its rows end
-        span = (times[0], times[-1]) if times else (0, 0)
-        made.promised = Promised.by(log.file, log.header, span, last_sent, lost, log.mid_session)
+        made._promise(log, lost)
         return made
+
+    def _promise(self, log: Log | LogStream, lost: int | None) -> None:
+        """``lost`` is the number of lost records in the end record; None without one. A log that
+        begins in mid-session promises nothing: its station may have sent and received more
+        before."""
+        self.ended = lost is not None
+        if not (lost or log.mid_session):
+            self.sends, self.receives = (k in log.header.complete for k in ("send", "receive"))
+
+    def not_sent(self, tx: str | None, logged: bool) -> str | None:
+        """Why a received message without a matching transmission was certainly not sent.
+
+        ``logged`` is whether the log has another message under this tx. None if the message may
+        have been sent: the log is not complete, or ends earlier.
+        """
+        if not self.sends:
+            return None
+        if logged:
+            return f"{self.file} has another message under this tx"
+        if not self.ended and (tx is None or transmission(tx)[1] > self.last_sent):
+            return None
+        return f"{self.file} contains no such sent message"
 
     def add(self, event: Event) -> None:
         """Add the next event of the log."""

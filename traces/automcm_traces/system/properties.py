@@ -11,7 +11,7 @@ stations. A property that the logs do not determine is reported as ``cannot tell
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Literal
 
@@ -54,15 +54,6 @@ class PropertyResult:
     outcome: Outcome
     checked: int
     where: tuple[str, ...] = ()
-
-    def as_dict(self) -> dict[str, object]:
-        """The ``--json`` form."""
-        return {
-            "property": self.property,
-            "outcome": self.outcome,
-            "checked": self.checked,
-            "where": list(self.where),
-        }
 
     def text(self) -> str:
         """The outcome as text, with the places."""
@@ -127,7 +118,7 @@ class SystemReport:
             "run": self.run,
             "files": list(self.files),
             "problem": self.problem,
-            "properties": [j.as_dict() for j in self.properties],
+            "properties": [asdict(j) for j in self.properties],
             "hazards": [h.as_dict() for h in self.hazards],
             "forged": list(self.forged),
             "cycles": list(self.cycles),

@@ -21,9 +21,9 @@ from automcm_traces.explain.explain import (
     exit_code,
     explain,
     judged_log,
-    together,
     verdict_of,
     verdicts_of,
+    verdicts_together,
 )
 from automcm_traces.explain.lint import report
 from automcm_traces.viewer.page_run import load
@@ -68,7 +68,10 @@ def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.Monke
     monkeypatch.setattr(reader, "parse", parse)
     monkeypatch.setattr(Engine, "feed", feed)
     paths = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
-    for way in (lambda: together([judged_log(path) for path in paths]), lambda: load(paths)):
+    for way in (
+        lambda: verdicts_together([judged_log(path) for path in paths]),
+        lambda: load(paths),
+    ):
         way()
         assert len(read_) > 200 and set(read_.values()) == {1}
         assert len(fed) > 200 and set(fed.values()) == {1}

@@ -16,9 +16,9 @@ from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
 from automcm_traces.explain.explain import (
     exit_code,
     judged_log,
-    together,
     verdict_of,
     verdicts,
+    verdicts_together,
 )
 from automcm_traces.explain.watch import Watch, WatchReport
 
@@ -74,9 +74,9 @@ def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> Non
     watch, reports = grown(paths)
     assert [r.what for r in reports].count("together") == 1 and reports[-1].what == "together"
     found = [judged_log(path) for path in paths]
-    assert reports[-1].fields == together(found).as_dict()
+    assert reports[-1].fields == verdicts_together(found)[1].as_dict()
     assert watch.exit_code == (
-        1 if together(found).verdict == "violated" else exit_code(verdicts(found))
+        1 if verdicts_together(found)[1].verdict == "violated" else exit_code(verdicts(found))
     )
 
 

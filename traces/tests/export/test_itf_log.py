@@ -16,8 +16,8 @@ from automcm_spec.log_format.reader import read
 from automcm_spec.model_checking.tla_values import Record
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.explain.explain import explain
+from automcm_traces.explain.log_table import arrow_rows
 from automcm_traces.export import itf
-from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.export.behaviour_steps import NOTHING, steps_of
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep
 from automcm_traces.export.behaviour_to_log import _times as story_times

@@ -21,9 +21,8 @@ from automcm_maintenance.corpus.corpus_runs import secured
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import read
-from automcm_traces.explain.log_table import Logs
+from automcm_traces.explain.log_table import Logs, arrow_rows
 from automcm_traces.export import mcap_file
-from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.export.mermaid import diagram
 from automcm_traces.export.svg_drawing import drawing
