@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from automcm_simulation.road.hazard_measures import Watched
 from automcm_spec.vocabulary.application import Abort
@@ -58,38 +59,30 @@ def inject(faults: Sequence[Injected], watched: Watched, roles: Roles) -> int:
     The first end of overlapping cuts ends all of them.
     """
     for fault in faults:
+        at, until = (partial(watched.clock.at, ms) for ms in (fault.at_ms, fault.until_ms))
+        who, what = fault.kind.split(maxsplit=1)
+        station_id = roles.target if who == "target" else roles.prescriber
         if fault.kind in CUTS:
-            _cut(fault, watched, roles)
-        elif fault.kind == "second prescriber":
+            at(partial(_cut, fault.kind, watched, roles))
+            until(watched.radio.mend)
+        elif what == "aborts":
+            at(partial(_abort, watched, station_id))
+        elif what == "restarts":
+            at(partial(_restart, watched, station_id))
+        elif what == "crashes":
+            at(partial(watched.crash, station_id))
+            until(partial(watched.recover, station_id))
+        else:  # a second prescriber
             watched.request(roles.second, fault.at_ms)
-        else:
-            _hit(fault, watched, roles)
     return max((fault.until_ms for fault in faults), default=0)
 
 
-def _cut(fault: Injected, watched: Watched, roles: Roles) -> None:
-    forth, back = CUTS[fault.kind]
-
-    def cut() -> None:
-        if forth:
-            watched.radio.cut(roles.prescriber, roles.target)
-        if back:
-            watched.radio.cut(roles.target, roles.prescriber)
-
-    watched.clock.at(fault.at_ms, cut)
-    watched.clock.at(fault.until_ms, watched.radio.mend)
-
-
-def _hit(fault: Injected, watched: Watched, roles: Roles) -> None:
-    who, what = fault.kind.split()
-    station_id = roles.target if who == "target" else roles.prescriber
-    if what == "aborts":
-        watched.clock.at(fault.at_ms, lambda: _abort(watched, station_id))
-    elif what == "restarts":
-        watched.clock.at(fault.at_ms, lambda: _restart(watched, station_id))
-    else:
-        watched.clock.at(fault.at_ms, lambda: watched.crash(station_id))
-        watched.clock.at(fault.until_ms, lambda: watched.recover(station_id))
+def _cut(kind: str, watched: Watched, roles: Roles) -> None:
+    forth, back = CUTS[kind]
+    if forth:
+        watched.radio.cut(roles.prescriber, roles.target)
+    if back:
+        watched.radio.cut(roles.target, roles.prescriber)
 
 
 def _abort(watched: Watched, station_id: int) -> None:

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from random import Random
+from statistics import fmean
 
 import pytest
 
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import CloseWindow, all_answered
-from automcm_evaluation.loss.loss_sessions import SessionOutcome, session
+from automcm_evaluation.loss.loss_sessions import session
 from automcm_maintenance.benches.plugin import Figure, beside
 
 SESSIONS, T_TIMEOUT = 200, 2000
@@ -17,38 +18,34 @@ SESSIONS, T_TIMEOUT = 200, 2000
 losses = pytest.mark.parametrize("loss", [0, 10, 20, 40])
 
 
-def agreements(loss: int, close: CloseWindow | None) -> list[SessionOutcome]:
-    """The sessions that agree, with equal seeds at a loss in per cent."""
+def mean(loss: int, close: CloseWindow | None, of: str) -> float:
+    """Of the sessions that agree, with equal seeds at a loss in per cent."""
     draw, channel = Random(1), Channel(loss=loss / 100)
     made = [session(T_TIMEOUT, channel, draw.getrandbits(31), close) for _ in range(SESSIONS)]
-    return [each for each in made if each.agreed]
+    return fmean(getattr(each, of) for each in made if each.agreed)
 
 
 @losses
 def bench_fixed_ms(loss: int, figure: Figure) -> None:
     """The mean time."""
-    found = agreements(loss, None)
-    figure(sum(each.after_ms for each in found) / len(found), "ms")
+    figure(mean(loss, None, "after_ms"), "ms")
 
 
 @losses
 @beside("fixed_ms", 0.25)
 def bench_early_ms(loss: int, figure: Figure) -> None:
     """The mean time."""
-    found = agreements(loss, all_answered)
-    figure(sum(each.after_ms for each in found) / len(found), "ms")
+    figure(mean(loss, all_answered, "after_ms"), "ms")
 
 
 @losses
 def bench_fixed_messages(loss: int, figure: Figure) -> None:
     """For each agreement."""
-    found = agreements(loss, None)
-    figure(sum(each.sent for each in found) / len(found), "messages")
+    figure(mean(loss, None, "sent"), "messages")
 
 
 @losses
 @beside("fixed_messages", 0.5)
 def bench_early_messages(loss: int, figure: Figure) -> None:
     """For each agreement."""
-    found = agreements(loss, all_answered)
-    figure(sum(each.sent for each in found) / len(found), "messages")
+    figure(mean(loss, all_answered, "sent"), "messages")
