@@ -6,6 +6,7 @@ import json
 from collections import deque
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -13,7 +14,7 @@ from automcm.links.clock import VirtualClock
 from automcm.links.link import Receiver
 from automcm.service.service import McService
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, LiveResult, LiveRun, VirtualRun
+from automcm_conformance.live.live_cases import CASES, LiveCase, LiveResult, LiveRun
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
@@ -96,11 +97,17 @@ def only(type_: str, change: Radio) -> Radio:
     return lambda m: change(m) if m["type"] == type_ else fair(m)
 
 
-def session(oracle: Oracle, world: World, virtual_run: VirtualRun | None = None) -> LiveRun:
-    return LiveRun(oracle, world, STATION, DEFAULTS, JITTER, number=5, virtual_run=virtual_run)
+def session(oracle: Oracle, world: World, adapter: Any = None) -> LiveRun:
+    return LiveRun(oracle, world, STATION, DEFAULTS, JITTER, number=5, adapter=adapter)
 
 
 def judge(
-    oracle: Oracle, name: str, radio: Radio, virtual_run: VirtualRun | None = None
+    oracle: Oracle,
+    name: str,
+    radio: Radio,
+    virtual: Callable[[LiveCase], str | None] | None = None,
 ) -> LiveResult:
-    return session(oracle, World(radio), virtual_run).judge(BY_NAME[name])
+    """``virtual``: what a case comes to in virtual time; None without an adapter."""
+    live = session(oracle, World(radio), virtual)
+    with patch.object(LiveRun, "in_virtual_time", lambda _, adapter, case: adapter(case)):
+        return live.judge(BY_NAME[name])

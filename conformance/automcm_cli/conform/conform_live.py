@@ -82,7 +82,7 @@ def live(
     from automcm_conformance.adapter.adapter import Adapter
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_conformance.live.live_cases import LiveRun, virtual_run
+    from automcm_conformance.live.live_cases import LiveRun
     from automcm_spec.graph.oracle import OracleError, load
     from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
@@ -104,9 +104,8 @@ def live(
         oracle = load(ONE_PEER.path, spec_hash())
         session = LiveRun(oracle, air, station, parameters, jitter, int(time.time()), scenario)
         if command:
-            adapter = Adapter(command, limit)
-            stack.callback(adapter.stop)
-            session.virtual_run = virtual_run(oracle, adapter, parameters)
+            session.adapter = Adapter(command, limit)
+            stack.callback(session.adapter.stop)
         notify(f"listening for station {station}")
         if not session.heard(FIRST_CAM_MS):
             say(

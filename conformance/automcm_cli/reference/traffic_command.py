@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -19,9 +20,6 @@ from automcm_cli.shared.common import (
     write_json,
 )
 from automcm_spec.support import files
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 app = typer.Typer()
 
@@ -102,9 +100,7 @@ def traffic(
         )
     frames = Frames()
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
-        with ExitStack() as stack:
-            stack.enter_context(files.new_folder(out, named=True))
-            bar = stack.enter_context(_bar(duration_s))
+        with files.new_folder(out, named=True), _bar(duration_s) as bar:
             found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
         record = run.record(found)
         files.write(out / "traffic.json", frames.as_json())
@@ -115,28 +111,17 @@ def traffic(
     raise typer.Exit(1 if wrong(record) else 0)
 
 
-class _Bar:
+@contextmanager
+def _bar(duration_s: float) -> Iterator[Callable[[int], None]]:
     """A progress bar of the simulated time on a terminal; nothing in a pipe."""
+    from rich.progress import Progress
 
-    def __init__(self, duration_s: float) -> None:
-        from rich.progress import Progress
+    from automcm_cli.shared.terminal import Terminal
 
-        from automcm_cli.shared.terminal import Terminal
-
-        console = Terminal(stderr=True)
-        self._progress = Progress(console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task("simulated seconds", total=duration_s)
-
-    def __enter__(self) -> Callable[[int], None]:
-        self._progress.start()
-        return lambda now_ms: self._progress.update(self._task, completed=now_ms / 1000)
-
-    def __exit__(self, *error: object) -> None:
-        self._progress.stop()
-
-
-def _bar(duration_s: float) -> _Bar:
-    return _Bar(duration_s)
+    console = Terminal(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("simulated seconds", total=duration_s)
+        yield lambda now_ms: progress.update(task, completed=now_ms / 1000)
 
 
 def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:

@@ -84,9 +84,9 @@ class Wrong(Exception):
     says why a fresh process does not fail; it is empty if it does.
     """
 
-    def __init__(self, steps: list[Step], text: str) -> None:
+    def __init__(self, steps: list[Step], text: str, kind: str) -> None:
         super().__init__(text)
-        self.steps = steps
+        self.steps, self.kind = steps, kind
         self.deciding, self.more, self.unconfirmed = Deciding(), "", ""
 
     @property
@@ -98,34 +98,24 @@ class Wrong(Exception):
     @property
     def difference(self) -> str:
         """What differs, without values."""
-        return self.unconfirmed
+        return self.unconfirmed or self.kind
 
     @property
     def verdict(self) -> Verdict:
         """ERROR if the adapter broke, or did not answer twice in the same way."""
-        return "ERROR"
+        return "FAIL" if isinstance(self, Mismatch) and not self.unconfirmed else "ERROR"
 
 
 class Mismatch(Wrong):
     """An answer that the specification does not allow."""
 
     def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
-        super().__init__(steps, "; ".join(problem.text for problem in problems))
+        super().__init__(steps, "; ".join(each.text for each in problems), problems[0].kind)
         self.problems = problems
         self.synchronized = True
         """The reset that ended the exchange got its own answer."""
         self.session: Rename | None = None
         """The real session of each session of the graph."""
-
-    @property
-    def difference(self) -> str:
-        """What differs, without values."""
-        return self.unconfirmed or self.problems[0].kind
-
-    @property
-    def verdict(self) -> Verdict:
-        """ERROR if the adapter did not answer twice in the same way."""
-        return "ERROR" if self.unconfirmed else "FAIL"
 
     @property
     def parts(self) -> set[str]:
@@ -139,28 +129,16 @@ class Mismatch(Wrong):
 
 
 class Broken(Wrong):
-    """The station did not answer, or its answer is invalid. ``sent``: the steps and those whose
-    lines were written with them."""
+    """The station did not answer, or its answer is invalid. ``kind`` is that of the AdapterError,
+    and empty for an invalid line; ``sent``: the steps and those whose lines were written with
+    them."""
 
     def __init__(self, steps: list[Step], error: Exception, sent: Sequence[Step] = ()) -> None:
-        super().__init__(steps, str(error))
+        super().__init__(steps, str(error), getattr(error, "kind", ""))
         self.error = error
         self.sent = list(sent) or steps
-
-    @property
-    def kind(self) -> str:
-        """The kind of the AdapterError; empty for an invalid line."""
-        return self.error.kind if isinstance(self.error, AdapterError) else ""
-
-    @property
-    def difference(self) -> str:
-        """What differs, without values."""
-        return self.unconfirmed or self.kind
-
-    @property
-    def stderr(self) -> list[str]:
+        self.stderr: list[str] = getattr(error, "stderr", [])
         """The last lines of standard error, if the process has ended."""
-        return self.error.stderr if isinstance(self.error, AdapterError) else []
 
 
 class Unpredicted(Exception):

@@ -6,7 +6,7 @@ by the same script with an adapter, in virtual time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -22,8 +22,6 @@ from automcm_conformance.suite.graph_cases import fitting
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
-VirtualRun = Callable[["LiveCase"], str | None]
-"""The failure of a case in virtual time; empty if it passes, None if that cannot be decided."""
 LEASE_MS = 20_000
 STATIONS = 10
 """The kit uses at most this many station ids in one case."""
@@ -135,7 +133,8 @@ class LiveRun:
     jitter_ms: int
     number: int
     scenario: str = "lane_change"
-    virtual_run: VirtualRun | None = None
+    adapter: Adapter | None = None
+    """An adapter of the same implementation, for the cases in virtual time."""
     results: list[LiveResult] = field(default_factory=list)
     known: list[Object] = field(default_factory=list)
     """The messages that the station had to send."""
@@ -205,14 +204,29 @@ class LiveRun:
 
     def _timing(self, case: LiveCase, missed: str) -> tuple[Verdict, str]:
         """The verdict on a timing fault: FAIL only if the case also fails in virtual time."""
-        if self.virtual_run is None:
+        if self.adapter is None:
             return "INCONC", missed
-        found = self.virtual_run(case)
+        found = self.in_virtual_time(self.adapter, case)
         if found is None:
             return "INCONC", f"{missed}; the case cannot be judged in virtual time"
         if not found:
             return "INCONC", f"{missed}; the case passes in virtual time"
         return "FAIL", f"{missed}; the case fails in virtual time too: {found}"
+
+    def in_virtual_time(self, adapter: Adapter, case: LiveCase) -> str | None:
+        """The failure of a case with an adapter; empty if it passes, None if that cannot be
+        decided."""
+        given = fitting(self.parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
+        x = Exchange(self.oracle, adapter, given, scenario=adapter.hello.scenarios[0])
+        try:
+            scripted.play(x, case.script, case.lease_ms)
+        except Mismatch as wrong:
+            adapter.renew()
+            return str(wrong)
+        except (Broken, Infeasible):
+            adapter.renew()
+            return None
+        return ""
 
     def _exchange(self) -> Exchange:
         """An exchange with peers and sessions that are new to the station."""
@@ -234,22 +248,3 @@ class LiveRun:
             predict=True,
             logged=False,
         )
-
-
-def virtual_run(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> VirtualRun:
-    """Runs the cases with an adapter of the same implementation, in virtual time."""
-
-    def judged(case: LiveCase) -> str | None:
-        given = fitting(parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
-        x = Exchange(oracle, adapter, given, scenario=adapter.hello.scenarios[0])
-        try:
-            scripted.play(x, case.script, case.lease_ms)
-        except Mismatch as wrong:
-            adapter.renew()
-            return str(wrong)
-        except (Broken, Infeasible):
-            adapter.renew()
-            return None
-        return ""
-
-    return judged

@@ -67,16 +67,9 @@ def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Ver
 
 def implementation(runner: Runner) -> Implementation:
     """The implementation's data from ``hello``."""
-    hello = runner.adapter.hello
-    return Implementation(
-        hello.name,
-        hello.version,
-        hello.issues,
-        sorted(hello.features),
-        list(hello.scenarios),
-        {str(name): value for name, value in sorted(hello.fixed.items())},
-        runner.adapter.command,
-    )
+    hello = runner.adapter.hello.model_dump(exclude={"protocol"})
+    hello |= {"features": sorted(hello["features"]), "fixed": dict(sorted(hello["fixed"].items()))}
+    return Implementation(**hello, command=runner.adapter.command)
 
 
 def report(

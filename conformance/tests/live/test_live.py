@@ -10,6 +10,7 @@ import random
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from live_stage import oracle as oracle
 from automcm_cli.conform import conform_live
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, LiveCase, virtual_run
+from automcm_conformance.live.live_cases import CASES, LiveCase
 from automcm_conformance.suite.scripts import expire
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.graph.oracle import Oracle
@@ -256,7 +257,7 @@ def adapter(*command: str) -> Iterator[Adapter]:
 
 def test_a_case_can_be_repeated_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*REFERENCE) as reference:
-        judged = virtual_run(oracle, reference, DEFAULTS)
+        judged = partial(session(oracle, World(fair)).in_virtual_time, reference)
         assert [judged(case) for case in CASES] == [""] * len(CASES)
         assert judged(LiveCase("too long", (), "", [expire("lease")])) is None
 
@@ -264,7 +265,7 @@ def test_a_case_can_be_repeated_in_virtual_time(oracle: Oracle) -> None:
 def test_a_slow_station_fails_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*broken("sends_again_after_200_ms")) as slow:
         world = World(fair, parameters={"t_resend": 200})
-        live = session(oracle, world, virtual_run(oracle, slow, DEFAULTS))
+        live = session(oracle, world, slow)
         judged = live.judge(BY_NAME["intention"])
         assert judged.verdict == "FAIL"
         assert "fails in virtual time too: deadline: " in judged.reason
