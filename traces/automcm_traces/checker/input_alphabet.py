@@ -56,22 +56,12 @@ class Alphabet(OpenStation):
         own = frozenset(n for q, n in sessions if q == me)
         super().__init__(*limits, frozenset(peers), own, frozenset(), me, STRANGER)
         self._named = frozenset(sessions) - {UNBOUND}
-        self._proposals = frozenset(proposals)
-
-    @cached_property
-    def rounds(self) -> frozenset[int]:
+        self.rounds = frozenset(proposals)
         """The relevant proposals."""
-        return self._proposals
-
-    @cached_property
-    def beyond(self) -> int:
+        self.beyond = max(proposals, default=0) + 1
         """An irrelevant proposal; a log may contain proposals above max_rounds."""
-        return max(self._proposals, default=0) + 1
-
-    @cached_property
-    def foreign(self) -> frozenset[Session]:
+        self.foreign = frozenset()
         """The sessions of a stranger: none."""
-        return frozenset()
 
     def peer_ids(self, p: int) -> frozenset[Session]:
         """The named sessions of a peer."""

@@ -37,9 +37,8 @@ class RunDifference:
     b: CanonicalEvent | None
     fields: _Fields = ()
     """The differences between two events of one kind: the path of the field, and both values."""
-    steps_a: tuple[CanonicalStep, ...] = ()
-    steps_b: tuple[CanonicalStep, ...] = ()
-    """The last steps, up to and including the one that differs."""
+    steps: tuple[tuple[CanonicalStep, CanonicalStep], ...] = ()
+    """The last steps of both logs, up to and including the one that differs."""
 
 
 @dataclass(slots=True)
@@ -189,8 +188,7 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
         kept = [*kept[-SHOWN:], (one, other)]
         first = _differ(one, other)
         if first is not None:
-            shown = zip(*kept, strict=True)
-            found.difference = RunDifference(*first, *(tuple(steps) for steps in shown))
+            found.difference = RunDifference(*first, tuple(kept))
             found.pairs += _pairs(one, other, first[:2])
             break
         found.steps += 1
@@ -352,7 +350,7 @@ def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:
 
 
 def _rows(d: RunDifference, each: int) -> Iterator[str]:
-    for a, b in zip(d.steps_a, d.steps_b, strict=True):
+    for a, b in d.steps:
         for x, y in zip_longest(_paired(a, b)[0], _paired(a, b)[1]):
             mark = "!" if (x is not None and x is d.a) or (y is not None and y is d.b) else " "
             left = "" if x is None else f"{x.line:>6} {summary(x.event)}"

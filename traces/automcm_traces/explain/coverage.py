@@ -6,6 +6,7 @@ verdict is possible any more, or where it cannot be read.
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -244,12 +245,8 @@ def _share(what: str, part: int, whole: int) -> str:
 
 def _wrapped(start: str, texts: Sequence[str]) -> list[str]:
     """The texts, separated by commas, in lines of at most 80 characters."""
-    lines: list[str] = []
-    line = start
-    for n, word in enumerate(texts):
-        piece = word + ("," if n + 1 < len(texts) else "")
-        if len(line) + len(piece) > 80:
-            lines.append(line.rstrip())
-            line = " " * len(start)
-        line += piece + " "
-    return [*lines, line.rstrip()] if texts else []
+    whole = ", ".join(text.replace(" ", "\N{NO-BREAK SPACE}") for text in texts)
+    lines = textwrap.wrap(
+        whole, 80, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False
+    )
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]

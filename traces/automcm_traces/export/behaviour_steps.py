@@ -56,19 +56,14 @@ class _SplitMove:
             yield from calls
 
 
-def steps_of(moves: Sequence[Move], effects_of: EffectsOf, reduced: bool) -> list[BehaviourStep]:
-    """The steps of the stations. ``effects_of`` computes effects
-    (``behaviour_effects.effects_of``).
+def steps_of(
+    behaviours: Sequence[Sequence[Move]], effects_of: EffectsOf, reduced: bool
+) -> list[list[BehaviourStep]]:
+    """The steps of the stations in several behaviours, with all queries in one call.
+    ``effects_of`` computes effects (``behaviour_effects.effects_of``).
 
     Raises BehaviourError if they do not lead to the model's next state.
     """
-    return steps_of_all([moves], effects_of, reduced)[0]
-
-
-def steps_of_all(
-    behaviours: Sequence[Sequence[Move]], effects_of: EffectsOf, reduced: bool
-) -> list[list[BehaviourStep]]:
-    """As ``steps_of`` for several behaviours, with all queries in one call."""
     effects = effects_of(_main(move) for moves in behaviours for move in moves if move.station)
     split = [[_SplitMove(move) for move in moves] for moves in behaviours]
     if reduced:

@@ -65,7 +65,8 @@ class Behaviour:
 
         Raises automcm_spec.model_checking.tlc.TlcError, behaviour_to_log.BehaviourError.
         """
-        steps = steps_of(self.moves, partial(effects_of, self.module, self.cfg), self.reduced)
+        effects = partial(effects_of, self.module, self.cfg)
+        (steps,) = steps_of([self.moves], effects, self.reduced)
         parameters = {"max_rounds": self.constant("MaxRounds")}
         lease = None
         if self.timed:

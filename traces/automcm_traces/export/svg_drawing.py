@@ -154,9 +154,7 @@ def _folded(
         return key_of(arrow.source, _event(merged, arrow), (arrow.to, arrow.word))
 
     return [
-        Fold(fold.first[1], fold.last[1], fold.times)
-        for fold in folded(items, key)
-        if fold.first[1] is not None and fold.last[1] is not None
+        Fold(fold.first[1], fold.times) for fold in folded(items, key) if fold.first[1] is not None
     ]
 
 

@@ -28,10 +28,9 @@ class Key(NamedTuple):
 
 @dataclass(slots=True)
 class Fold(Generic[Item]):
-    """An item, or the first and the last of several that differ only in time."""
+    """An item, or the first of several that differ only in time."""
 
     first: Item
-    last: Item
     times: int = 1
     copies: list[Item] = field(default_factory=list)
     """All items but the first, if ``folded`` keeps them."""
@@ -59,10 +58,9 @@ def folded(
             yield from open_.values()
             open_, message = {}, None if found is None else found.message
         if found is None:
-            yield Fold(item, item)
+            yield Fold(item)
             continue
-        fold = open_.setdefault(found._replace(changes=False), Fold(item, item, 0))
-        fold.last = item
+        fold = open_.setdefault(found._replace(changes=False), Fold(item, 0))
         fold.times += 1
         if keep and fold.times > 1:
             fold.copies.append(item)

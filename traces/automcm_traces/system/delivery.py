@@ -22,16 +22,6 @@ OUTCOMES: tuple[Fate, ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Delivery:
-    """The fate of one transmission at one of its addressees."""
-
-    sent: Node
-    to: int
-    outcome: Fate
-    received: tuple[Node, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class Forged:
     """A received message that nobody can have sent, and the reason."""
 
@@ -50,8 +40,9 @@ class Deliveries:
 
     def __init__(self, merged: Merged) -> None:
         self._merged = merged
-        self.all: list[Delivery] = []
-        """Sorted by sender and line; a broadcast once for each other station with a log."""
+        self.outcomes: dict[tuple[Node, int], Fate] = {}
+        """By transmission and addressee, sorted by sender and line; a broadcast has an outcome for
+        each other station with a log."""
         self.forged = [_forged(merged, node) for node in merged.forged]
         """Received messages that nobody can have sent."""
         ways: dict[tuple[Node | None, int], list[Arrow]] = defaultdict(list)
@@ -62,17 +53,16 @@ class Deliveries:
             for to in addressees(merged.stations[node[0]], sent.message, merged.stations):
                 arrows = ways[node, to]
                 came = [a.arrives for a in arrows if a.fate != "rejected" and a.arrives is not None]
-                outcome: Fate = (
+                self.outcomes[node, to] = (
                     "duplicated" if came[1:] else "delivered" if came else arrows[0].fate
                 )
-                self.all.append(Delivery(node, to, outcome, tuple(came)))
 
     def counts(self) -> dict[str, dict[str, int]]:
         """By ``SRC-DST``, how often each outcome occurred, including CAMs."""
         found: dict[str, Counter[str]] = defaultdict(Counter)
-        for d in self.all:
-            if d.to != ANYONE:
-                found[f"{self._merged.stations[d.sent[0]]}-{d.to}"][d.outcome] += 1
+        for ((i, _), to), outcome in self.outcomes.items():
+            if to != ANYONE:
+                found[f"{self._merged.stations[i]}-{to}"][outcome] += 1
         return {way: {o: n[o] for o in OUTCOMES if n[o]} for way, n in sorted(found.items())}
 
     def between(
@@ -81,12 +71,11 @@ class Deliveries:
         """The outcomes of the messages that ``src`` sent to ``dst`` in its events ``first`` to
         ``last``."""
         place, found = self._merged.place(src), Counter[str]()
-        for d in self.all:
-            inside = d.sent[1] >= first and (last is None or d.sent[1] <= last)
-            if d.sent[0] == place and d.to == dst and inside:
-                event = self._merged.event(d.sent)
+        for ((i, k), to), outcome in self.outcomes.items():
+            if (i, to) == (place, dst) and first <= k and (last is None or k <= last):
+                event = self._merged.event((i, k))
                 if isinstance(event, Send) and type_ in ("", event.message["type"]):
-                    found[d.outcome] += 1
+                    found[outcome] += 1
         return found
 
 

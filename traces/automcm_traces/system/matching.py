@@ -192,13 +192,12 @@ class Match(NamedTuple):
     """The transmission; of equal copies without ``tx``, the latest possible one."""
     first: Node
     """The first possible transmission, which certainly came before the reception."""
-    sure: bool
-    """Whether the match is certain: named by ``tx``, or the only one with its content."""
     again: bool
     """Whether another copy of this transmission was received before."""
 
 
 UNMATCHED, MATCHED, AGAIN, SURE = 0, 1, 2, 4
+"""``SURE``: the match is named by ``tx``, or the only one with its content."""
 
 
 class Matches:
@@ -231,7 +230,7 @@ class Matches:
         i = self.places[self.ledgers[j].senders[n]]
         at = self.ledgers[i].sent.at
         sent, first = (i, at[self._sent[j][n]]), (i, at[self._first[j][n]])
-        return Match(sent, first, bool(flags & SURE), bool(flags & AGAIN))
+        return Match(sent, first, bool(flags & AGAIN))
 
     def find(self, tx: str) -> Node | None:
         """The first transmission with this ``tx``; None if no log has one."""

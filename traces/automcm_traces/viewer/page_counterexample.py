@@ -9,8 +9,8 @@ from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
 
 Json = Any
-_DEFINED = re.compile(r"^(\w+)(?:\([^)]*\))? ==")
-_END = re.compile(r"^(?:=|-{4}|\(\*|\\\*|$)")
+_DEFINED = r"^{name}(?:\([^)]*\))? ==.*(?:\n(?!=|-{{4}}|\(\*|\\\*|$).*)*"
+"""A definition, up to an empty line, a comment or the end of the module."""
 
 
 def shown(cfg: str, states: int) -> Json:
@@ -31,15 +31,10 @@ def shown(cfg: str, states: int) -> Json:
 
 def _replaced(operator: str, by: str) -> Json:
     """Where the operator that replaces another is defined, and its text."""
+    found = {"operator": operator, "by": by, "module": "", "line": 0, "text": ""}
     for path in sorted(TLA.glob("*.tla")):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        for n, line in enumerate(lines):
-            if (found := _DEFINED.match(line)) and found[1] == by:
-                end = next(
-                    (k for k in range(n + 1, len(lines)) if _END.match(lines[k])), len(lines)
-                )
-                text = "\n".join(lines[n:end])
-                return {"operator": operator, "by": by, "module": path.stem, "line": n + 1} | {
-                    "text": text
-                }
-    return {"operator": operator, "by": by, "module": "", "line": 0, "text": ""}
+        module = path.read_text(encoding="utf-8")
+        if defined := re.search(_DEFINED.format(name=by), module, re.M):
+            line = module.count("\n", 0, defined.start()) + 1
+            return found | {"module": path.stem, "line": line, "text": defined[0]}
+    return found

@@ -157,8 +157,7 @@ def test_every_seeded_fault_is_the_first_difference(entry: dict[str, Json]) -> N
         assert d is None or d.a is None or d.a.fields.get("timer")
         return
     assert d is not None
-    lines = [event.line for step in d.steps_b[-1:] for event in step.events]
-    lines += [event.line for step in d.steps_a[-1:] for event in step.events]
+    lines = [event.line for step in d.steps[-1] for event in step.events]
     assert entry["line"] in lines or entry["line"] - 1 in lines
     assert f"DIFFERS after {found.steps} step" in next(text(diff([base], [bad])))
 

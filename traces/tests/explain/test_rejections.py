@@ -158,7 +158,7 @@ def test_a_forged_tx_orders_nothing(tmp_path: Path) -> None:
 
 def test_what_was_accepted_too_is_delivered() -> None:
     merged = merge([read(path) for path in SECURED])
-    of = {d.sent: d.outcome for d in Deliveries(merged).all}
+    of = {sent: outcome for (sent, _), outcome in Deliveries(merged).outcomes.items()}
     named = [(a.leaves, a.reason) for arrows in merged.arrows.values() for a in arrows if a.leaves]
     assert {of[sent] for sent, reason in named if reason == "replayed"} == {"delivered"}
     assert {of[sent] for sent, reason in named if reason == "bad_signature"} == {"rejected"}

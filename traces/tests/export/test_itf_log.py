@@ -228,7 +228,7 @@ def test_a_step_that_the_model_does_not_take_is_no_story() -> None:
     move = found.moves[0]
     assert move.after != move.before
     with pytest.raises(BehaviourError, match="leads to"):
-        steps_of([move], lambda questions: dict.fromkeys(questions, NOTHING), False)
+        steps_of([[move]], lambda questions: dict.fromkeys(questions, NOTHING), False)
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ class Case:
         self.cams: set[tuple[int, int]] = set()
         self.drawn: Counter[tuple[int, int, str]] = Counter()
         deliveries = Deliveries(merged)
-        sent = [(d.sent, d.to) for d in deliveries.all if d.outcome == "rejected"]
+        sent = [place for place, outcome in deliveries.outcomes.items() if outcome == "rejected"]
         self.refused = sorted(
             (merged.stations[i], merged.logs[i].events[k][0], f"!{to}") for (i, k), to in sent
         )

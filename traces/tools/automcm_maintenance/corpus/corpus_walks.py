@@ -30,7 +30,7 @@ from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Input, Message, Receive, Session, State
 from automcm_traces.export import behaviour_to_log
 from automcm_traces.export.behaviour_effects import EffectQuery, effects_of
-from automcm_traces.export.behaviour_steps import Move, steps_of_all
+from automcm_traces.export.behaviour_steps import Move, steps_of
 from automcm_traces.export.behaviour_to_log import StepEffects
 
 MODULE = """---- MODULE Graph ----
@@ -237,7 +237,7 @@ class ModelGraph:
             return found
 
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
-        histories = steps_of_all(moves, effects, "Reduced = TRUE" in self.cfg)
+        histories = steps_of(moves, effects, "Reduced = TRUE" in self.cfg)
         return [
             behaviour_to_log.logs(
                 run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds}
