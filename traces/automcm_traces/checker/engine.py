@@ -519,7 +519,7 @@ class Engine:
         def turn(timer: Timer) -> tuple[int, int, int]:
             """Due timers expire in ascending order of deadline, rank and age of the message."""
             key = timer.message if isinstance(timer, MessageTimer) else None
-            entry = key and self.track.entry_of(key)
+            entry = key and self.track.entry_of(key, key.to or 0, key.session)
             place = rank(timer.name, key is not None and key.type == "Advertisement")
             return last[timer], place, self.track.outbox.index(entry) if entry else 0
 

@@ -6,9 +6,9 @@ make an observable difference.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any
 
 from automcm_spec.log_format.log import (
     ApplicationCommand,
@@ -111,46 +111,18 @@ LOGGED_AS = {"send": "send", "indication": "indication", "arm": "timer", "stop":
 """The kind of events that a log promises, for each kind of effect."""
 
 
-class InputAnswer(NamedTuple):
-    """An input, whether it changes the state or a timer, and its effects."""
-
-    input: Input
-    changes: bool
-    effects: frozenset[Effect]
-
-
-class InputAnswers:
-    """The inputs that have an effect in a state."""
-
-    def __init__(self, found: Iterable[InputAnswer]) -> None:
-        self._found = tuple(found)
-        self._unseen: dict[tuple[object, ...], list[tuple[Input, bool, bool]]] = {}
-
-    def unseen(
-        self, effect: Effect | None, promised: frozenset[str]
-    ) -> list[tuple[Input, bool, bool]]:
-        """The inputs that may come before an event, which may be this effect: each with whether it
-        has the effect, and whether the log promises any of its effects."""
-        found = self._unseen.get((effect, promised))
-        if found is None:
-            found = self._unseen[effect, promised] = []
-            for answer in self._found:
-                shows = effect in answer.effects
-                logged = any(LOGGED_AS[kind] in promised for kind, *_ in answer.effects)
-                if shows or (answer.changes and not logged):
-                    found.append((answer.input, shows, logged))
-        return found
-
-
 def _type(i: Input) -> str:
     return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
 
 
-def answers(t: Track, event: Event) -> tuple[InputAnswers, Rename]:
-    """The inputs that may have come unobserved before an event, and their outcomes.
+def unseen(
+    t: Track, event: Event, effect: Effect | None, promised: frozenset[str]
+) -> Iterator[tuple[Input, bool, bool]]:
+    """The inputs that may have come unobserved before an event, which may be this effect: each with
+    whether it has the effect, and whether the log promises any of its effects.
 
-    Their sessions count from the first one that matters, for the same answers come in each session;
-    the function returned gives them their own numbers.
+    The specification is asked with sessions that count from the first one that matters, for the
+    same answers come in each session.
     """
     peers, sessions, proposals = _named_by(event)
     st = t.state
@@ -165,37 +137,52 @@ def answers(t: Track, event: Event) -> tuple[InputAnswers, Rename]:
     count, back = _moved(first, -1), _moved(first, 1)
     about = frozenset(peers - {0, t.me}), frozenset(map(count, sessions)), frozenset(proposals)
     state = renumbering.state(st, count)._replace(number=st.number - first[t.me])
-    return _answers(t.limits, t.me, *about, state), back
+    for i, shows, logged in _unseen(effect, promised, t.limits, t.me, *about, state):
+        yield renumbering.input_of(i, back), shows, logged
 
 
 def _moved(first: Mapping[int, int], by: int) -> Rename:
     return lambda session: (session[0], session[1] + by * first.get(session[0], 0))
 
 
+@lru_cache(maxsize=8_000)
+def _unseen(
+    effect: Effect | None, promised: frozenset[str], *about: Any
+) -> list[tuple[Input, bool, bool]]:
+    found = []
+    for i, changes, effects in _answers(*about):
+        shows = effect in effects
+        logged = any(LOGGED_AS[kind] in promised for kind, *_ in effects)
+        if shows or (changes and not logged):
+            found.append((i, shows, logged))
+    return found
+
+
 @lru_cache(maxsize=2_000)
 def _answers(
-    limits: tuple[int, int, int, int],
+    limits: Limits,
     me: int,
     peers: frozenset[int],
     sessions: frozenset[Session],
     proposals: frozenset[int],
     st: State,
-) -> InputAnswers:
-    """One input for each distinct outcome."""
+) -> list[tuple[Input, bool, frozenset[Effect]]]:
+    """One input for each distinct outcome, whether it changes the state or a timer, and its
+    effects."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
     first: dict[tuple[object, ...], Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
         if alphabet.offered(st, i):
             key = i if i.kind == "expire" else i.kind, _type(i), alphabet.decide(me, st, i)
             first.setdefault(key, i)  # an equal effect has an equal outcome
-    found: dict[tuple[object, ...], InputAnswer] = {}
+    found: dict[tuple[object, ...], tuple[Input, bool, frozenset[Effect]]] = {}
     for (kind, type_, _), i in first.items():
         outcome = alphabet.step(me, st, i)
         changes = bool(outcome.st != st or outcome.arm)
         effects = _effects(outcome)
         if changes or effects:
-            found.setdefault((kind, type_, outcome), InputAnswer(i, changes, effects))
-    return InputAnswers(found.values())
+            found.setdefault((kind, type_, outcome), (i, changes, effects))
+    return list(found.values())
 
 
 def _effects(outcome: Outcome) -> frozenset[Effect]:
@@ -224,7 +211,7 @@ def effect_of(event: Event) -> Effect | None:
 
 @lru_cache(maxsize=500)
 def _alphabet(
-    limits: tuple[int, int, int, int],
+    limits: Limits,
     me: int,
     peers: frozenset[int],
     sessions: frozenset[Session],

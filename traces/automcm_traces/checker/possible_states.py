@@ -17,18 +17,12 @@ from dataclasses import dataclass, field
 from functools import reduce
 from math import inf
 
-from automcm_spec.log_format.log import (
-    ApplicationIndication,
-    Event,
-    Header,
-    Timer,
-)
-from automcm_spec.vocabulary import renumbering
+from automcm_spec.log_format.log import ApplicationIndication, Event, Header, Timer
 from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
-from automcm_traces.checker.input_alphabet import answers, effect_of
+from automcm_traces.checker.input_alphabet import effect_of, unseen
 from automcm_traces.checker.track import CannotTell, SpecInput, Track, named, short
 
 CHAIN = 8
@@ -207,9 +201,8 @@ class _Search:
         self._is_new(base)
         if not takes and isinstance(self.event, ApplicationIndication):
             self._try(base.copy())  # END-5: of an unobserved message, after the last input
-        found, back = answers(base.track, self.event)
-        for counted, shows, is_logged in found.unseen(self._effect, self.promised):
-            i = renumbering.input_of(counted, back)
+        found = unseen(base.track, self.event, self._effect, self.promised)
+        for i, shows, is_logged in found:
             if not self._may_be(i, base, shows):
                 continue
             supposing = base.copy()

@@ -31,6 +31,7 @@ from automcm_spec.vocabulary.messages import (
     Cancel,
     Fields,
     Message,
+    MessageId,
     Prescription,
     encode,
     same,
@@ -148,23 +149,16 @@ class Track:
 
     def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> OutboxEntry | None:
         """The outbox entry with these values; None if there is none."""
-        for e in self.outbox:
-            if (e.type, e.to, e.session, e.k) == (type_, to, session, k):
-                return e
-        return None
+        key = type_, to, session, k
+        return next((e for e in self.outbox if (e.type, e.to, e.session, e.k) == key), None)
 
-    def entry_by_seq(
-        self, type_: str, to: int, session: tuple[int, int], seq: int
+    def entry_of(
+        self, key: MessageKey | MessageId, to: int, session: spec.Session
     ) -> OutboxEntry | None:
         """The outbox entry that a timer or an Ack names by its seq on the wire."""
-        for e in self.outbox:
-            if (e.type, e.to, e.session, e.message.seq) == (type_, to, session, seq):
-                return e
-        return None
-
-    def entry_of(self, key: MessageKey) -> OutboxEntry | None:
-        """The outbox entry that a timer names; None if there is none."""
-        return self.entry_by_seq(key.type, key.to or 0, key.session, key.seq)
+        named = key.type, to, session, key.seq
+        found = (e for e in self.outbox if (e.type, e.to, e.session, e.message.seq) == named)
+        return next(found, None)
 
 
 def number_of(m: Message) -> int:
@@ -414,7 +408,7 @@ def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:
         )
     of = ("none", 0)
     if isinstance(m, Ack):  # it names an outbox entry, or a message that matches none (END-6)
-        entry = t.entry_by_seq(m.of.type, m.src, m.session, m.of.seq) if m.of.seq else None
+        entry = t.entry_of(m.of, m.src, m.session) if m.of.seq else None
         of = (entry.type, entry.k) if entry is not None else ("Cancel", 0)
     proposal, accepted, reason = _about(m)
     reason = reason if reason in REASONS else "as_sent"
@@ -465,7 +459,7 @@ def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
         case MessageTimer(message=MessageKey(type="Advertisement")):
             return timer.name, spec.Entry("Advertisement", 0, t.state.session, 1, False)
         case MessageTimer(message=MessageKey() as m):
-            entry = t.entry_of(m)
+            entry = t.entry_of(m, m.to or 0, m.session)
             return None if entry is None else (timer.name, entry.spec)
         case ForgetTimer(station=int(station)):
             return timer.name, station
@@ -526,7 +520,7 @@ def _names(track: Track, step: InputStep, key: MessageKey, entry: spec.Entry) ->
         sent.append(track.advertisement)
     if any((m.seq, m.session) == (key.seq, key.session) for m in sent):
         return True
-    found = track.entry_of(key)
+    found = track.entry_of(key, entry.to, key.session)
     return found is not None and (found.session, found.k) == (entry.session, entry.seq)
 
 

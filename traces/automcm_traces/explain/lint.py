@@ -123,14 +123,15 @@ def report(path: str | Path, most: int = 0) -> LintReport:
     """The first ``most`` findings in the log at ``path`` (0: all), and the number of all."""
     kept: list[Finding] = []
     levels: Counter[str] = Counter()
+    unreadable = None
     try:
         for finding in lint(path):
             levels[level(finding)] += 1
             if not most or len(kept) < most:
                 kept.append(finding)
     except BadInput as error:
-        return LintReport(name_of(path), kept, levels["error"], levels["warning"], error)
-    return LintReport(name_of(path), kept, levels["error"], levels["warning"])
+        unreadable = error
+    return LintReport(name_of(path), kept, levels["error"], levels["warning"], unreadable)
 
 
 FIRST = 5

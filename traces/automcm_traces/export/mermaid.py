@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from automcm_spec.log_format.event_text import summary
-from automcm_spec.log_format.log import (
-    ApplicationCommand,
-    ApplicationIndication,
-    Receive,
-    Restart,
-)
+from automcm_spec.log_format.log import ApplicationCommand, ApplicationIndication, Receive, Restart
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import TableRow
 from automcm_traces.system.copy_folding import Key, folded, key_of

@@ -16,7 +16,6 @@ from typing import Literal
 
 from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
-from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_spec.vocabulary.parameters import DEFAULTS
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.timeline import Period, Session, Timeline
@@ -291,12 +290,9 @@ def _begun_by(world: World, acts: Period, target: int, departure: _Departure | N
 def _prescribed(world: World, acts: Period, target: int) -> int:
     """The event in which the target first received the proposal that the prescriber acts on; -1 if
     none."""
-    for at, (_, e) in enumerate(world.log(target).events):
-        m: Fields = (isinstance(e, Receive) and e.message) or {}
-        what = m.get("type"), session_in(m.get("session")), m.get("proposal")
-        if what == ("Prescription", acts.session, acts.start.proposal):
-            return at
-    return -1
+    wanted = acts.session, acts.start.proposal
+    found = world.messages(target, "Prescription", Receive)
+    return next((at for at, _, *about in found if tuple(about) == wanted), -1)
 
 
 def _prolonged_by(world: World, acts: Period, target: int, until_ms: int) -> str:

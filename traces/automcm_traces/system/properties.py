@@ -11,7 +11,7 @@ stations. A property that the logs do not determine is reported as ``cannot tell
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Literal
 
@@ -113,19 +113,16 @@ class SystemReport:
 
     def as_dict(self) -> dict[str, object]:
         """The ``--json`` form."""
-        return {
-            "verdict": self.verdict,
-            "run": self.run,
-            "files": list(self.files),
-            "problem": self.problem,
-            "properties": [asdict(j) for j in self.properties],
-            "hazards": [h.as_dict() for h in self.hazards],
-            "forged": list(self.forged),
-            "cycles": list(self.cycles),
-            "sessions": [stay.text() for stay in self.sessions],
-            "deliveries": self.deliveries,
-            "notices": list(self.notices),
-        }
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return (
+            {"verdict": self.verdict}
+            | found
+            | {
+                "properties": [asdict(j) for j in self.properties],
+                "hazards": [h.as_dict() for h in self.hazards],
+                "sessions": [stay.text() for stay in self.sessions],
+            }
+        )
 
     def text(self, start_ms: Mapping[str, int] | None = None, matrix: bool = False) -> str:
         """The report as text: the finding at the end, the properties that hold on one line.

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from automcm_spec.log_format.log import (
-    ApplicationIndication,
-    Event,
-    Receive,
-    Send,
-)
+from automcm_spec.log_format.log import ApplicationIndication, Event, Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_traces.system.delivery import Deliveries, Forged
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.log_merge import Merged
-from automcm_traces.system.timeline import (
-    Moment,
-    Period,
-    Session,
-    Timeline,
-    key_of,
-    timeline,
-)
+from automcm_traces.system.timeline import Moment, Period, Session, Timeline, key_of, timeline
 
 
 class World:
@@ -53,17 +41,24 @@ class World:
         place = self.merged.place(station)
         return None if place is None else self._forged.get((place, at))
 
+    def messages(
+        self, station: int, type_: str, *events: type[Send] | type[Receive]
+    ) -> Iterator[tuple[int, Fields, Session, int]]:
+        """The messages of a type in a station's log that name a session and a proposal: of each,
+        the index of its event, the message, and these two."""
+        for at, (_, e) in enumerate(self.log(station).events):
+            m: Fields = (isinstance(e, events) and e.message) or {}
+            session, proposal = session_in(m.get("session")), m.get("proposal")
+            if m.get("type") == type_ and session and isinstance(proposal, int):
+                yield at, m, session, proposal
+
     def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
         """The accepting Acceptances in a station's log: the first event by addressee, session and
         proposal."""
         if station not in self._acceptances:
             found = self._acceptances[station] = {}
-            for at, (_, e) in enumerate(self.log(station).events):
-                m: Fields = e.message if isinstance(e, Send) else {}
-                session = session_in(m.get("session"))
-                dst, proposal = m.get("dst"), m.get("proposal")
-                accepts = m.get("type") == "Acceptance" and m.get("accepted")
-                if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
+            for at, m, session, proposal in self.messages(station, "Acceptance", Send):
+                if m.get("accepted") and isinstance(dst := m.get("dst"), int):
                     found.setdefault((dst, session, proposal), at)
         return self._acceptances[station]
 
@@ -71,12 +66,8 @@ class World:
         """The lease in ms that a station has sent or received, by session and proposal."""
         if station not in self._leases:
             found = self._leases[station] = {}
-            for _, e in self.log(station).events:
-                m: Fields = (isinstance(e, Send | Receive) and e.message) or {}
-                session = session_in(m.get("session"))
-                proposal, lease = m.get("proposal"), m.get("lease_ms")
-                prescribes = m.get("type") == "Prescription"
-                if prescribes and session and isinstance(proposal, int) and isinstance(lease, int):
+            for _, m, session, proposal in self.messages(station, "Prescription", Send, Receive):
+                if isinstance(lease := m.get("lease_ms"), int):
                     found.setdefault((session, proposal), lease)
         return self._leases[station]
 

@@ -195,7 +195,7 @@ def _log(page: Page, run: PageRun, i: int, first: int, row_of: dict[Node, int]) 
         "due": run.histories[i].due,
         "diverges": _divergence(run, i, first, row_of),
         "ahead": page.ahead[first + i],
-        "before": run.before[log.file],
+        "before": log.events[0][1].seq - 1 if log.events else 0,  # the part shown
     }
 
 

@@ -46,8 +46,6 @@ class PageRun:
     """Whether they are too many and share one column."""
     vendor: dict[str, dict[int, Json]] = field(default_factory=dict)
     """By file and line, the original records that contain vendor fields."""
-    before: dict[str, int] = field(default_factory=dict)
-    """By file, the number of events of the log before the part shown."""
     note: str = ""
     """The part shown, in a sentence; empty if all is shown."""
     counterexample: Json = None
@@ -127,18 +125,7 @@ def load(
     histories = [states[of_file[log.file][0]].history(of_file[log.file][1]) for log in merged.logs]
     vendor = {file: _vendor(path, log, part) for file, (path, log) in of_file.items()}
     ghosts = [] if crowded else named
-    run = PageRun(
-        merged,
-        judged,
-        system,
-        histories,
-        ghosts,
-        crowded,
-        vendor,
-        note=note,
-    )
-    run.before = {file: _before(log) for file, (_, log) in of_file.items()}
-    return run
+    return PageRun(merged, judged, system, histories, ghosts, crowded, vendor, note)
 
 
 def check_size(paths: Sequence[Path]) -> None:
@@ -160,10 +147,6 @@ def _until(path: Path, last: int, late_ms: int | None, states: States) -> None:
 def _unpromised(log: Log) -> Log:
     """The log with an empty ``complete``: in a part of a log, any event may be missing."""
     return replace(log, header=log.header.model_copy(update={"complete": ()}))
-
-
-def _before(log: Log) -> int:
-    return log.events[0][1].seq - 1 if log.events else 0
 
 
 def _vendor(path: Path, log: Log, part: PagePart | None) -> dict[int, Json]:
