@@ -6,7 +6,7 @@ import time
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -233,17 +233,14 @@ def new(
         Path, typer.Argument(help="Folder for the adapter; it must be new or empty.")
     ],
     language: Annotated[
-        str,
-        typer.Option(
-            help="Language: cpp, go, java, javascript, python or rust.",
-            autocompletion=completion.languages,
-        ),
+        Literal["cpp", "go", "java", "javascript", "python", "rust"],
+        typer.Option(help="Language of the adapter."),
     ] = "python",
 ) -> None:
     """Write the skeleton of an adapter, ready to run."""
     from automcm_conformance.adapter.new_adapter import create, next_commands
 
-    with code_3("new", OSError), usage(ValueError, FileExistsError):
+    with code_3("new", OSError), usage(FileExistsError):
         written = create(language, folder)
     for path in written:
         say(path)

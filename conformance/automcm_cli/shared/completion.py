@@ -25,5 +25,4 @@ _RULES = "automcm_spec.vocabulary.rules", "RULES"
 profiles, properties = _completing((_MODELS, "PROFILES")), _completing((_MODELS, "PROPERTIES"))
 models, rules = _completing((_MODELS, "load")), _completing(_RULES)
 selectors = _completing(_RULES, ("automcm_conformance.suite.purposes", "load"))
-languages = _completing(("automcm_conformance.adapter.new_adapter", "FILES"))
 scenarios = _completing(("automcm_simulation.traffic_scenarios.catalogue", "SCENARIOS"))

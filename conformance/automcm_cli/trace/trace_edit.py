@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.common import Json, Late, code_3, progress, say, write_json
-from automcm_cli.trace.trace_logs import Logs, files_of, two_numbers
+from automcm_cli.trace.trace_logs import Logs, files_of, refuse_given, two_numbers
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -77,11 +77,7 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
         path = out / by_name[log.file].name
         if path in paths:
             path = out / f"{path.stem}-{log.header.station}.ndjson"
-        if path.resolve() in {other.resolve() for other in given}:
-            raise typer.BadParameter(
-                f"{path} is a given log and would be overwritten; choose another folder",
-                param_hint="--out",
-            )
+        refuse_given(path, given)
         paths.append(path)
     files.folder(out, named=True)
     for path, log in zip(paths, found.logs, strict=True):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from automcm_cli.shared.common import Json, code_3, say, write_json
-from automcm_cli.trace.trace_logs import files_of
+from automcm_cli.trace.trace_logs import files_of, refuse_given
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -86,11 +86,7 @@ def _write(
             contents = {out / name: data for name, data in make().items()}
             files.folder(out, named=True)
             for path, data in contents.items():
-                if path.resolve() in {other.resolve() for other in read}:
-                    raise typer.BadParameter(
-                        f"{path} is an input and would be overwritten; choose another folder",
-                        param_hint="--out",
-                    )
+                refuse_given(path, read)
                 files.write(path, data)
     except CannotTell as error:
         say(f"{command}: CANNOT TELL: {error}", err=True)

@@ -33,6 +33,15 @@ def files_of(command: str, logs: list[Path]) -> list[Path]:
         return logs_below([_kept(log) for log in logs])
 
 
+def refuse_given(path: Path, given: Iterable[Path]) -> None:
+    """Raises typer.BadParameter if writing this file would overwrite a given one."""
+    if path.resolve() in {other.resolve() for other in given}:
+        raise typer.BadParameter(
+            f"{path} is an input and would be overwritten; choose another folder",
+            param_hint="--out",
+        )
+
+
 def _kept(log: Path) -> Path:
     stdin = str(log) == "-"
     if not stdin and not log.is_fifo():

@@ -29,11 +29,9 @@ BUILD = {
 def create(language: str, target: Path) -> list[Path]:
     """Write the template into the folder ``target``, created if needed; returns the files written.
 
-    Raises ValueError for a language without a template, FileExistsError if ``target`` is a file
-    or a folder that is not empty, and OSError if it cannot be written.
+    Raises FileExistsError if ``target`` is a file or a folder that is not empty, and OSError if it
+    cannot be written.
     """
-    if language not in FILES:
-        raise ValueError(f"no template for {language!r}; choose from {', '.join(sorted(FILES))}")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise FileExistsError(f"{target} exists and is not an empty folder; name a new folder")
     files.folder(target, named=True)

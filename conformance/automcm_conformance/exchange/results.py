@@ -163,21 +163,17 @@ def _cause(case: CaseResult, failure: Failure) -> tuple[str, ...]:
 
 
 def _order(case: CaseResult, failure: Failure) -> tuple[bool, int, str, str]:
-    return _in_scenario(case.id), _length(failure), case.id, failure.replay
+    return _in_scenario(case.id), len(failure.exchange), case.id, failure.replay
 
 
 def _rank(case: CaseResult, shown: Failure) -> tuple[int, bool, int]:
     kind = 0 if shown.difference in UNCONFIRMED else 1 if case.verdict == "FAIL" else 2
-    return kind, _in_scenario(case.id), _length(shown)
+    return kind, _in_scenario(case.id), len(shown.exchange)
 
 
 def _in_scenario(case: str) -> bool:
     """The second part of an id is the role that is tested; of several stations, the system."""
     return case.split("/")[1] == "SYS"
-
-
-def _length(failure: Failure) -> int:
-    return len(failure.exchange)
 
 
 @dataclass(slots=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from automcm_conformance.exchange.wire import LONG, STEP_MS
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
@@ -22,44 +22,36 @@ LONGEST = 600
 """The approximate length of a tour in inputs: one wrong answer must not hide too much."""
 
 
-@dataclass(slots=True)
 class Tours:
-    """The pairs that are still to be driven, and the next tour.
+    """The pairs that are still to be driven, each for its case, and the next tour.
 
     ``allowed(state, input)``: a tour may use this transition. ``disturbs``: the input, which must
-    change nothing, may be given on the way. A pair that was answered wrongly is ``avoid``ed; pairs
-    that can only be reached through it stay in ``left``.
+    change nothing, may be given on the way; ``seed`` chooses among these. A pair that was answered
+    wrongly is ``avoid``ed; pairs that can only be reached through it stay in ``left``.
     """
 
-    oracle: Oracle
-    left: dict[int, dict[int, str]]
-    """For each state the inputs to drive, each with its case."""
-    allowed: Allowed
-    disturbs: Allowed
-    planned: set[Pair] = field(default_factory=set)
-    """The pairs of unfinished tours."""
-    _sent: set[Pair] = field(default_factory=set)
-    """The pairs of the tours that the station is answering."""
-    avoided: set[Pair] = field(default_factory=set)
-    _moves: dict[int, list[OracleAnswer]] = field(default_factory=dict)
-    _parents: dict[int, Pair] | None = None
-    _disturbing: dict[Pair, bool] = field(default_factory=dict)
-    _random: random.Random = field(default_factory=random.Random)
-
-    @classmethod
-    def over(
-        cls,
+    def __init__(
+        self,
         oracle: Oracle,
         targets: Iterable[tuple[OracleAnswer, str]],
         allowed: Allowed,
-        disturbs: Allowed | None = None,
+        disturbs: Allowed,
         seed: int = 1,
-    ) -> Tours:
-        """Tours that drive these pairs, each for its case. ``seed`` chooses the other inputs."""
-        left: dict[int, dict[int, str]] = {}
+    ) -> None:
+        self.oracle, self.allowed, self.disturbs = oracle, allowed, disturbs
+        self.left: dict[int, dict[int, str]] = {}
+        """For each state the inputs to drive, each with its case."""
         for answer, case in targets:
-            left.setdefault(answer.state, {})[answer.input] = case
-        return cls(oracle, left, allowed, disturbs or allowed, _random=random.Random(seed))
+            self.left.setdefault(answer.state, {})[answer.input] = case
+        self.planned: set[Pair] = set()
+        """The pairs of unfinished tours."""
+        self._sent: set[Pair] = set()
+        """The pairs of the tours that the station is answering."""
+        self.avoided: set[Pair] = set()
+        self._moves: dict[int, list[OracleAnswer]] = {}
+        self._parents: dict[int, Pair] | None = None
+        self._disturbing: dict[Pair, bool] = {}
+        self._random = random.Random(seed)
 
     def next(self) -> list[int] | None:
         """The inputs of the next tour, from the initial state; None if no reachable pair is

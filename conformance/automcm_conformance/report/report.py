@@ -158,12 +158,7 @@ def failed_last(reports: Iterable[Path], command: Sequence[str]) -> list[str] | 
 
 
 def html(reports: list[Report]) -> str:
-    """One self-contained page for one run, or for several side by side.
-
-    Raises ValueError without a report.
-    """
-    if not reports:
-        raise ValueError("there is no report to show")
+    """One self-contained page for one run, or for several side by side."""
     templates = environment(Path(__file__).parent, autoescape=True, finalize=_shown)
     page = templates.get_template("report.html.j2")
     names = Counter((r.implementation.name, r.implementation.version) for r in reports)

@@ -230,7 +230,7 @@ class Runner:
             known = answer is not None and self._tally(part, answer) is not None
             return known and allowed(state, i)
 
-        tours = part.tours = Tours.over(oracle, targets, allowed, disturbs, self.seed)
+        tours = part.tours = Tours(oracle, targets, allowed, disturbs, self.seed)
         for state in [state for state in tours.left if tours.path(state) is None]:
             for i in list(tours.left[state]):
                 self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1

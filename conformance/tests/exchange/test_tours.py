@@ -40,13 +40,17 @@ def pairs(oracle: Oracle, tour: list[int]) -> list[tuple[int, int]]:
     return list(zip(oracle.way(tour), tour, strict=False))
 
 
+def anything(state: int, i: int) -> bool:
+    return True
+
+
 def test_each_timer_has_a_duration_that_is_long() -> None:
     assert LONG.keys() == TIMERS.keys()
 
 
 def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
     everything = every(tight)
-    tours = Tours.over(tight, everything, lambda s, i: True)
+    tours = Tours(tight, everything, anything, anything)
     driven: Counter[tuple[int, int]] = Counter()
     count = 0
     while (tour := tours.next()) is not None:
@@ -66,7 +70,7 @@ def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
 
 
 def test_tours_that_are_planned_before_any_is_done(tight: Oracle) -> None:
-    tours = Tours.over(tight, every(tight), lambda s, i: True, lambda s, i: False)
+    tours = Tours(tight, every(tight), anything, lambda s, i: False)
     seen: set[tuple[int, int]] = set()
     for _ in range(5):
         tour = tours.next()
@@ -79,7 +83,7 @@ def test_tours_that_are_planned_before_any_is_done(tight: Oracle) -> None:
 
 def test_done_names_the_case_once(tight: Oracle) -> None:
     (answer, case), *_ = every(tight)
-    tours = Tours.over(tight, [(answer, case)], lambda s, i: True)
+    tours = Tours(tight, [(answer, case)], anything, anything)
     pair = answer.state, answer.input
     assert tours.done((pair[0], pair[1] + 1)) is None and tours.done((9, 9)) is None
     assert tours.done(pair) == case and tours.done(pair) is None
@@ -89,7 +93,11 @@ def test_done_names_the_case_once(tight: Oracle) -> None:
 def test_allowed_keeps_tours_away(tight: Oracle) -> None:
     requests = {i for i, value in enumerate(tight.inputs) if value[:2] == ("command", "request")}
     targets = [(a, case) for a, case in every(tight) if a.input not in requests]
-    tours = Tours.over(tight, targets, lambda s, i: i not in requests)
+
+    def allowed(state: int, i: int) -> bool:
+        return i not in requests
+
+    tours = Tours(tight, targets, allowed, allowed)
     reached = set()
     while (tour := tours.next()) is not None:
         assert not requests & set(tour)
