@@ -9,7 +9,7 @@ beginning of the case.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 
 from automcm_conformance.adapter.protocol import read_answer
@@ -246,16 +246,6 @@ def _wrong(x: Exchange, text: str) -> Mismatch:
 # -- which case is which
 
 
-def exchanges(case: str, fresh: Fresh) -> Played:
-    """The exchanges of a case. Raises Mismatch, Broken, and KeyError for an unknown case."""
-    if case in scripts.PLAIN:
-        return plain(fresh, case)
-    if case in _ALONE:
-        return _ALONE[case][0](fresh)
-    name, _, about = case.partition(" ")
-    return _ABOUT[name][0](fresh, about)
-
-
 TWO = ("sessions ", "two ")
 """The first words of the cases that need a second peer."""
 _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[Script]]]] = {
@@ -277,6 +267,22 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 }
 
 
+def _of(case: str) -> tuple[Callable[[Fresh], Played], Iterable[Script]]:
+    """The function and the scripts of a case. Raises KeyError for an unknown case."""
+    if case in scripts.PLAIN:
+        return partial(plain, case=case), scripts.PLAIN[case]
+    if case in _ALONE:
+        return _ALONE[case]
+    name, _, about = case.partition(" ")
+    played_about, scripts_about = _ABOUT[name]
+    return lambda fresh: played_about(fresh, about), scripts_about(about)
+
+
+def exchanges(case: str, fresh: Fresh) -> Played:
+    """The exchanges of a case. Raises Mismatch, Broken, and KeyError for an unknown case."""
+    return _of(case)[0](fresh)
+
+
 def graph(case: str, one: Oracle) -> Oracle:
     """The graph that judges a case: ``one``, that of two peers, or one that grows."""
     if case.startswith("quantity ") or case == "back-off":
@@ -292,7 +298,7 @@ def two_peers(spec_hash: str) -> Oracle:
 
 def needs(case: str) -> set[str]:
     """The features that a case needs."""
-    values = [value for script in _scripts(case) for value in inputs(script)]
+    values = [value for script in _of(case)[1] for value in inputs(script)]
     found = {"cam"} if case in ("cam rate", "cam marks") else set()
     if REQUEST in values:
         found.add("prescriber")
@@ -301,13 +307,3 @@ def needs(case: str) -> set[str]:
     if RESTART in values:
         found.add("restart")
     return found
-
-
-def _scripts(case: str) -> Iterable[Script]:
-    """The scripts of a case. Raises KeyError for an unknown case."""
-    if case in scripts.PLAIN:
-        return scripts.PLAIN[case]
-    if case in _ALONE:
-        return _ALONE[case][1]
-    name, _, about = case.partition(" ")
-    return _ABOUT[name][1](about)
