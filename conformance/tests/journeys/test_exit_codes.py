@@ -88,7 +88,7 @@ CHEAP: dict[str, Cheap] = {
 }
 NOT_RUN = {
     # minutes, or TLC, which spec check runs here
-    *("bench conform", "bench encodings", "bench kernels", "bench traces", "conform certify"),
+    *("bench conform", "bench kernels", "bench traces", "conform certify"),
     *("demo", "generate", "spec mutate", "spec pages", "spec simulate", "verify"),
     *("experiment render", *(f"experiment {name}" for name in ("all", *NAMES))),
     # SUMO: reference/tests/foreign_traffic.py

@@ -31,7 +31,7 @@ PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
 PROGRAMS = ((0,), (1,), (0, 2))
 """The blocks of each program."""
-NO_COMMAND = {"all", "dask", "dev", "docs", "mutate", "prove"}
+NO_COMMAND = {"all", "dev", "docs", "mutate", "prove"}
 """The other extras together (test_wheel.py), and those that only a clone can use."""
 HEAVY = {"radio", "sumo"}
 """More than half a gigabyte each: downloaded only where they are installed anyway."""

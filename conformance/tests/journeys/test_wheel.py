@@ -93,5 +93,5 @@ def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
 
 def test_the_extra_all_is_all_extras_that_are_not_for_developers() -> None:
     extras = PROJECT["project"]["optional-dependencies"]
-    others = sorted(set(extras) - {"all", "dask", "dev", "docs", "mutate", "prove"})
+    others = sorted(set(extras) - {"all", "dev", "docs", "mutate", "prove"})
     assert extras["all"] == [f"automcm[{','.join(others)}]"]

@@ -32,9 +32,6 @@ Changes = Annotated[
     typer.Option("--set", help="NAME=JSON: change the value of a setting.  Repeatable."),
 ]
 Workers = Annotated[int, typer.Option(help="Number of processes (0 = one for each core).", min=0)]
-Scheduler = Annotated[
-    str, typer.Option(help="Address of a Dask scheduler that runs the cells (automcm[dask]).")
-]
 Again = Annotated[bool, typer.Option("--again", help="Repeat cells that are already finished.")]
 OUT = Path("runs/evaluation")
 
@@ -63,7 +60,6 @@ def _command(name: str, about: str) -> None:
         out: Out = OUT,
         changes: Changes = None,
         workers: Workers = 0,
-        scheduler: Scheduler = "",
         again: Again = False,
         json_: Json = None,
     ) -> None:
@@ -87,7 +83,6 @@ def _command(name: str, about: str) -> None:
                     about,
                     folder,
                     workers=workers,
-                    scheduler=scheduler,
                     again=again,
                     notify=_counted(one.name, notify),
                 )

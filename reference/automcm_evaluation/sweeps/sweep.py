@@ -1,4 +1,4 @@
-"""Runs the cells of an experiment on all cores or on Dask, and resumes after an interruption.
+"""Runs the cells of an experiment on all cores, and resumes after an interruption.
 
 Each finished cell is a file, named by the hash of all that its result depends on, so that sweeps
 can share a folder.  The seed of a cell depends only on the sweep's seed and the cell's values, so
@@ -11,11 +11,10 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import partial
-from importlib import import_module, resources
+from importlib import resources
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
@@ -35,8 +34,6 @@ from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_maintenance.code_mutation import faults
 from automcm_spec.support import children, files
 
-CONNECT_S = 10.0
-"""How long to wait for a Dask scheduler."""
 SOURCES = [
     Path(str(resources.files(name)))
     for name in (
@@ -111,20 +108,17 @@ def finish(
     folder: Path,
     *,
     workers: int = 0,
-    scheduler: str = "",
     again: bool = False,
     notify: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Cell]:
     """Run the cells with these values, in this order, except those that are already finished.
 
     ``run`` must be picklable; ``of`` is what a result depends on besides the values.
-    ``workers``: processes; 0: one for each core.  ``scheduler``: a Dask scheduler's address, in
-    place of processes of this machine.  ``again``: repeat finished cells.  ``notify`` gets the
-    number of finished cells and of all cells.
+    ``workers``: processes; 0: one for each core.  ``again``: repeat finished cells.  ``notify``
+    gets the number of finished cells and of all cells.
 
-    Raises ExperimentError for a cell that is wanted twice, a file that is no cell, a missing extra,
-    and a process that broke off; OSError for a folder that cannot be written or a disk that is
-    full.
+    Raises ExperimentError for a cell that is wanted twice, a file that is no cell, and a process
+    that broke off; OSError for a folder that cannot be written or a disk that is full.
     """
     kept = {canonical(values): _path(folder, of, values) for values in wanted}
     if len(kept) != len(wanted):
@@ -134,7 +128,7 @@ def finish(
     missing = [v for v in wanted if again or not kept[canonical(v)].exists()]
     before = len(wanted) - len(missing)
     notify(before, len(wanted))
-    for n, (values, result) in enumerate(_results(run, missing, workers, scheduler), before + 1):
+    for n, (values, result) in enumerate(_results(run, missing, workers), before + 1):
         cell = {"values": values, "result": result}
         files.write(kept[canonical(values)], canonical(cell) + "\n")
         notify(n, len(wanted))
@@ -160,14 +154,15 @@ def _cell(path: Path) -> Cell:
 
 
 def _results(
-    run: Callable[[Values], Values], missing: Sequence[Values], workers: int, scheduler: str
+    run: Callable[[Values], Values], missing: Sequence[Values], workers: int
 ) -> Iterator[tuple[Values, Values]]:
     """Yield each cell when it is finished."""
     workers = min(workers or os.cpu_count() or 1, len(missing))
-    if workers <= 1 and not scheduler:
+    if workers <= 1:
         yield from ((values, run(values)) for values in missing)
         return
-    with _pool(workers, scheduler) as pool:
+    start = children.end_with_parent
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start) as pool:
         running = {pool.submit(run, values): values for values in missing}
         broken = set()
         try:
@@ -182,20 +177,3 @@ def _results(
         begun = [canonical(values) for future, values in running.items() if future in broken]
         if begun:
             raise ExperimentError(f"a process broke off; it ran {' or '.join(begun[:workers])}")
-
-
-@contextmanager
-def _pool(workers: int, scheduler: str) -> Iterator[Executor]:
-    if not scheduler:
-        start = children.end_with_parent
-        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start) as pool:
-            yield pool
-        return
-    try:
-        dask: Any = import_module("distributed")
-    except ModuleNotFoundError as error:
-        if error.name != "distributed":
-            raise
-        raise ExperimentError("--scheduler needs Dask: pip install 'automcm[dask]'") from None
-    with dask.Client(scheduler, timeout=CONNECT_S) as client:
-        yield client.get_executor(pure=False)

@@ -159,17 +159,3 @@ def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     drawn = [figure for figure, _ in catalogue.experiment(name).figures(made)]
     shown = [line for line in report.page(made).splitlines() if line.startswith("![")]
     assert sorted(line.split("](")[1] for line in shown) == [f"{n}.svg)" for n in sorted(drawn)]
-
-
-@pytest.mark.slow
-def test_dask_gives_the_same(dice: Thrown, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="automcm[dask] is not installed")
-    here = run(dice, tmp_path / "here")
-    made = dice.experiment()
-    about = sweep.header(made, "quick", 1, made.set("quick", {}))
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        there = sweep.sweep(made, about, tmp_path / "there", scheduler=cluster.scheduler_address)
-    assert report.assemble(made, about, there) == here
-    assert sorted(dice.ran) == [6, 6, 20, 20], "they were run there"

@@ -15,5 +15,4 @@ _HERE = Path(__file__).resolve().parents[1]
 TLA = data("tla", _HERE)
 MODELS = data("models", _HERE)
 ORACLES = data("oracle", _HERE)
-BENCH = data("bench", _HERE)
 SIMULATION = data("simulation", _HERE)

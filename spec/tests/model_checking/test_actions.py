@@ -10,11 +10,11 @@ import pytest
 
 from automcm_spec.model_checking import models, tlc
 from automcm_spec.model_checking.counterexample_steps import steps
-from automcm_spec.support.paths import BENCH, SIMULATION, TLA
+from automcm_spec.support.paths import SIMULATION, TLA
 
 TEXTS = {path.stem: path.read_text(encoding="utf-8") for path in TLA.glob("*.tla")}
 LISTED = models.load()
-CFGS = {path.stem: path.read_text() for at in (BENCH, SIMULATION) for path in at.glob("*.cfg")}
+CFGS = {path.stem: path.read_text() for path in SIMULATION.glob("*.cfg")}
 CFGS |= {model.cfg: model.config for model in LISTED}
 
 

@@ -32,7 +32,6 @@ SUBJECTS = {
     "radio": "the simulated radio channel",
     "traces": "reading and judging logs",
     "conform": "the kit's check of an adapter, in Python and C++",
-    "encodings": "the states that an encoding saves TLC",
     "traffic": "traffic with stations in SUMO; needs automcm[sumo]",
 }
 

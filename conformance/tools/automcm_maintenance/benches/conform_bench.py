@@ -1,8 +1,4 @@
-"""The cost of checking an adapter, beside an echo adapter in the same language.
-
-The same lines go to an adapter with every answer checked, to the same adapter with no answer
-checked, and to one with a constant answer.
-"""
+"""The cost of checking an adapter, beside the same lines with no answer checked."""
 
 from __future__ import annotations
 
@@ -25,27 +21,20 @@ from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 from automcm_spec.support.collection import uncollected
 
 LIMIT_S = 60.0
-SINGLES = 20_000
-"""Lines that are sent one by one."""
 CASES = ["AMCM/RCV/NEG", "AMCM/PRE/END"]
-PYTHON = {
-    "station": [sys.executable, "-m", "automcm_cli", "adapter"],
-    "echo": [sys.executable, "-m", "automcm_maintenance.benches.echo_adapter"],
-}
+PYTHON = [sys.executable, "-m", "automcm_cli", "adapter"]
 Bulks = list[list[bytes]]
-Commands = dict[str, list[str]]
 pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
 
 
 @pytest.fixture(scope="module", params=["python", "cpp"])
-def commands(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Commands:
-    """Of a station and of an echo adapter in this language."""
+def station(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The command of a station in this language."""
     if request.param == "python":
         return PYTHON
     if lacks := missing():
         pytest.skip(f"needs {lacks}")
-    folder = build(tmp_path_factory.mktemp("cpp"), "echo").parent
-    return {name: [str(folder / name)] for name in PYTHON}
+    return [str(build(tmp_path_factory.mktemp("cpp")))]
 
 
 class SentLines(Adapter):
@@ -79,7 +68,7 @@ def checked(command: Sequence[str]) -> Bulks:
 @pytest.fixture(scope="module")
 def bulks() -> Bulks:
     """The lines of CASES."""
-    return checked(PYTHON["station"])
+    return checked(PYTHON)
 
 
 def send(command: Sequence[str], bulks: Bulks) -> None:
@@ -90,25 +79,12 @@ def send(command: Sequence[str], bulks: Bulks) -> None:
             process.exchange(lines)
 
 
-def bench_echo(commands: Commands, bulks: Bulks, timed: Timed) -> None:
+def bench_unchecked(station: list[str], bulks: Bulks, timed: Timed) -> None:
     """µs a line, as below."""
-    timed(lambda: send(commands["echo"], bulks), per=sum(map(len, bulks)), rounds=1)
-
-
-@beside("echo", 6)
-def bench_echo_singly(commands: Commands, bulks: Bulks, timed: Timed) -> None:
-    """One line at a time: the cost of a kit without batches."""
-    singles = [[line] for lines in bulks for line in lines][:SINGLES]
-    timed(lambda: send(commands["echo"], singles), per=SINGLES, rounds=1)
-
-
-@beside("echo", 10)
-def bench_unchecked(commands: Commands, bulks: Bulks, timed: Timed) -> None:
-    """The station."""
-    timed(lambda: send(commands["station"], bulks), per=sum(map(len, bulks)), rounds=1)
+    timed(lambda: send(station, bulks), per=sum(map(len, bulks)), rounds=1)
 
 
 @beside("unchecked", 3)
-def bench_checked(commands: Commands, bulks: Bulks, timed: Timed) -> None:
-    """The station, with every answer checked."""
-    timed(lambda: checked(commands["station"]), per=sum(map(len, bulks)), rounds=1)
+def bench_checked(station: list[str], bulks: Bulks, timed: Timed) -> None:
+    """With every answer checked."""
+    timed(lambda: checked(station), per=sum(map(len, bulks)), rounds=1)

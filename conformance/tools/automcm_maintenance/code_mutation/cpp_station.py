@@ -26,11 +26,11 @@ def missing() -> str:
     return "" if compiled.returncode == 0 else "nlohmann/json.hpp"
 
 
-def build(folder: Path, *more: str) -> Path:
-    """Build the station as in its README, and more targets.  Raises CalledProcessError."""
+def build(folder: Path) -> Path:
+    """Build the station as in its README.  Raises CalledProcessError."""
     for command in (
         ["cmake", "-S", str(SOURCE), "-B", str(folder)],
-        ["cmake", "--build", str(folder), "-j2", "--target", "station", *more],
+        ["cmake", "--build", str(folder), "-j2", "--target", "station"],
     ):
         _run(command)
     return folder / "station"
