@@ -61,7 +61,10 @@ class Lines:
         self._began = time.monotonic()
         self._terminal = sys.stdout.isatty()
         self._err = _line_output(sys.stderr)
-        self._out = _line_output(sys.stdout, lambda why: self._report_loss(why))
+        self._out = _line_output(
+            sys.stdout,
+            lambda why: self.complain(f"standard output: {why}; current reports are lost"),
+        )
 
     def report(self, event: dict[str, Any]) -> None:
         """One line on standard output: JSON; on a terminal words, without single messages."""
@@ -84,9 +87,6 @@ class Lines:
         if self._out.lost and not self._out.closed_by_reader:
             self.complain(f"standard output: {self._out.lost} reports were lost")
         self._err.finish(FINISH_S)
-
-    def _report_loss(self, why: str) -> None:
-        self.complain(f"standard output: {why}; current reports are lost")
 
 
 _TOLD = {

@@ -22,7 +22,6 @@ from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
     from automcm_traces.explain.explain import Verdict
-    from automcm_traces.explain.lint import Repeated
 
 app = typer.Typer()
 
@@ -63,7 +62,10 @@ def explain(
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))
-    errors = [_errors(verdict, log) for verdict, log in zip(verdicts, logs, strict=True)]
+    errors = [
+        lint_.kinds_of_error(log) if verdict.verdict == "unreadable" else []
+        for verdict, log in zip(verdicts, logs, strict=True)
+    ]
     reports = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
     for report, kinds in zip(reports, errors, strict=True):
         if kinds:
@@ -84,13 +86,6 @@ def explain(
             say_lines(system.text(start_ms, matrix))
     code = explain_.exit_code(verdicts)
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
-
-
-def _errors(verdict: Verdict, log: Path) -> list[Repeated]:
-    """The kinds of error in a log that cannot be read."""
-    from automcm_traces.explain.lint import kinds_of_error
-
-    return kinds_of_error(log) if verdict.verdict == "unreadable" else []
 
 
 def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:

@@ -95,12 +95,13 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
     state = oracle.states[pair[0]]
     me = renumbering.station(ME, rename)
     real = renumbering.state(state, rename), renumbering.input_of(value, rename)
-    station = _station(oracle)
+    station = _with_limits(*(oracle.constants[constant] for constant in LIMITS.values()))
     try:
         effect, evaluated = record(station, lambda s: s.decide(me, *real))
     except NoArm:
         return plain
-    places = [n for n, e in enumerate(evaluated) if _names(e, rule)]
+    named = [(e.condition.kind, e.condition.text) == ("rule", rule) for e in evaluated]
+    places = [n for n, is_named in enumerate(named) if is_named]
     if effect.rule != rule or not places:
         return plain
     place = evaluated[places[-1]].condition
@@ -114,15 +115,7 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
     return Deciding(rule, place.operator, place.line, guard, as_if)
 
 
-def _station(oracle: Oracle) -> Station:
-    return _with_limits(*(oracle.constants[constant] for constant in LIMITS.values()))
-
-
 _with_limits = cache(Station)
-
-
-def _names(evaluated: Evaluated, rule: str) -> bool:
-    return evaluated.condition.kind == "rule" and evaluated.condition.text == rule
 
 
 def _inside(evaluated: list[Evaluated], last: int) -> dict[str, object]:
@@ -170,12 +163,8 @@ def _as_if(station: Station, me: int, real: tuple[State, Input], error: Wrong) -
     found = blocking_conditions(station, lambda s: s.decide(me, *real), wanted, most=2)
     if not found or not found[0]:
         return ""
-    guards = (_sentence(e, dict(e.values), _opposite(e)) for e in found[-1])
-    return " and ".join(guards)
-
-
-def _opposite(evaluated: Evaluated) -> str:
-    return "did not hold" if evaluated.value else "held"
+    musts = (("did not hold" if e.value else "held", e) for e in found[-1])
+    return " and ".join(_sentence(e, dict(e.values), must) for must, e in musts)
 
 
 def _wanted(answer: Answered) -> Callable[[Effect], bool]:

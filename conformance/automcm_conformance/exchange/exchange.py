@@ -497,7 +497,8 @@ class Exchange:
         if self.judges_marks and b'"cams"' in line:
             states = [step.before, *(state for state, _ in step.pairs[1:])]
             states += [step.after] if step.pairs else []
-            step.expected.marks = [self._marks(state) for state in states]
+            marks = (self.oracle.marks[state] for state in states)
+            step.expected.marks = [sorted(map(self.wire.session, each)) for each in marks]
             step.expected.marks_since = [0, *step.times]
         # Of the numbers judged: what is queued only predicts them.
         step.expected.above = self.wire.last_number
@@ -511,6 +512,3 @@ class Exchange:
                 self.wire.opened(self.oracle.states[step.after].number, m["session"][1])
         self._right[id(step.expected)] = line
         self.done.append(step)
-
-    def _marks(self, state: int) -> Json:
-        return sorted(self.wire.session(s) for s in self.oracle.marks[state])

@@ -63,7 +63,8 @@ class Tours:
         """
         parents, planned = self._tree(), self.planned
         # From far away ways lead back to states where there is still much to do.
-        start = next((s for s in reversed(self.left) if s in parents and self._open(s)), None)
+        far = (s for s in reversed(self.left) if s in parents)
+        start = next((s for s in far if any((s, i) not in planned for i in self.left[s])), None)
         if start is None:
             return None
         tour, state = self._disturbed(self.path(start) or []), start
@@ -104,9 +105,6 @@ class Tours:
             known = answer is not None and not answer.changes and self.disturbs(*pair)
             self._disturbing[pair] = known
         return known
-
-    def _open(self, state: int) -> bool:
-        return any((state, i) not in self.planned for i in self.left[state])
 
     def done(self, pair: Pair) -> str | None:
         """Mark this pair as driven. Returns its case if it was still to be driven."""

@@ -200,12 +200,10 @@ def _orders(fresh: Fresh, _: bool) -> Played:
             acks = [received("Ack", MINE, of=("Cancel", 1), source=p) for p in others]
             ends: list[Script] = [[prescribes, Wait(120), *acks], [leaves, prescribes]]
             for end in ends:
-                yield _fits(fresh(SHORT), [*recorded, CLOSE, *end, Wait(500)], len(order))
-
-
-def _fits(x: Exchange, script: Script, participants: int) -> Exchange | None:
-    """The exchange after the script; None if the station records fewer participants."""
-    return played(x, script) if x.parameters["max_participants"] >= participants else None
+                x = fresh(SHORT)
+                records_all = x.parameters["max_participants"] >= len(order)
+                script = [*recorded, CLOSE, *end, Wait(500)]
+                yield played(x, script) if records_all else None
 
 
 def _receptions(fresh: Fresh, prescriber: bool) -> Played:

@@ -51,7 +51,7 @@ def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[OracleAnswer]:
                 continue
             seen.add(key)
             seen.add((other[_swap_view(touched[i])], swapped[i]))
-            if not _has_image(two, one, answer):
+            if not any(_image(two, one, answer, away) for away in PEERS):
                 yield answer
 
 
@@ -98,19 +98,14 @@ def _view(st: State, view: View) -> Seen:
 # -- one peer taken away
 
 
-def _has_image(two: Oracle, one: Oracle, answer: OracleAnswer) -> bool:
-    state, i = two.states[answer.state], two.inputs[answer.input]
-    return any(_image(two, one, answer, state, i, away) for away in PEERS)
-
-
-def _image(
-    two: Oracle, one: Oracle, answer: OracleAnswer, state: State, i: Input, away: int
-) -> bool:
+def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     """Whether the answer is the same without this peer. Its session becomes a stranger's."""
+    state, i = two.states[answer.state], two.inputs[answer.input]
     speaker, about = _speaker(i), _peers(i)
     if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
         return False
-    if away in about and away in _bound(state):
+    bound = {state.session[0], state.target, *state.recorded, *state.withdrawn}
+    if away in about and away in bound:
         return False
     if any(_goes(state, away, session) for session in _sessions(i)):
         return False
@@ -174,10 +169,6 @@ def _goes(state: State, away: int, session: Session) -> bool:
     if state.session == session and _without(state, away).phase == "STANDALONE":
         return True
     return any(e.to == away and e.session == session for e in state.outbox)
-
-
-def _bound(state: State) -> set[int]:
-    return {state.session[0], state.target, *state.recorded, *state.withdrawn}
 
 
 def _without(state: State, away: int) -> State:
