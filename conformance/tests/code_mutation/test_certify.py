@@ -18,8 +18,8 @@ from automcm_maintenance.code_mutation import (
     lockstep,
 )
 from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
-from automcm_maintenance.code_mutation.equivalence import Difference
 from automcm_maintenance.code_mutation.faults import Edit
+from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT, full_name
 from automcm_maintenance.code_mutation.source_mutants import (
     Generated,
@@ -27,7 +27,6 @@ from automcm_maintenance.code_mutation.source_mutants import (
     path_of,
 )
 from automcm_maintenance.code_mutation.station_behaviour import VARIANTS, AnyState
-from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import GRAPHS
 
@@ -56,7 +55,7 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
         sys.executable,
         "-m",
         "automcm_maintenance.code_mutation.mutated_process",
-        "state",
+        "rules",
         str(file),
     ]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
@@ -66,8 +65,7 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
 def walked(mutant: SourceMutant, folder: Path) -> Difference | None:
     file = folder / "source.py"
     file.write_text(mutant.source, encoding="utf-8")
-    found = equivalence.first_difference(mutant, file, TIGHT)
-    return None if found is None else found.difference
+    return equivalence.first_difference(mutant, file, TIGHT)
 
 
 @pytest.mark.slow
@@ -129,8 +127,11 @@ def test_only_who_is_compared_on_every_graph_is_equivalent(
             raise equivalence.EquivalenceError("no end")
 
     monkeypatch.setattr(equivalence, "first_difference", first_difference)
-    monkeypatch.setattr(certificate, "killed", lambda *_: Kills())
-    monkeypatch.setattr(certificate, "_graphs", lambda: None)
+
+    def survives(row: MutantRow, *_: object) -> None:
+        row.verdict = "survived"
+
+    monkeypatch.setattr(certificate, "_hold", survives)
     asked, values = CertificateRun(tmp_path), asdict(changed(*WRONG))
     row = MutantRow.of(certificate._judge(asked, values))
     if ends is None:
@@ -156,6 +157,6 @@ def test_the_page_is_made_of_the_certificate() -> None:
 def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     walker = AnyState(load(GRAPHS["tight"].path), VARIANTS[0])
     monkeypatch.setitem(walker._extra, "all timers, later", list)
-    with lockstep.unchanged("tight", "0") as right:
-        found = lockstep.first_difference(walker, right)
-    assert found is not None and found.outcomes[0][0] == "all timers, later"
+    with lockstep.unchanged("tight", 0) as right:
+        found = lockstep.first_difference("tight", walker, right)
+    assert found is not None and found.input == "all timers, later"

@@ -11,21 +11,23 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from subprocess import SubprocessError
-from time import monotonic
 from typing import Any, Literal
 
 import automcm_conformance
 from automcm_conformance.adapter.kit_paths import SUITE
-from automcm_conformance.adapter.process import LIMIT_S
+from automcm_conformance.adapter.process import LIMIT_S, AdapterError
+from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.exchange.results import INTERRUPTED
 from automcm_conformance.suite import purposes
-from automcm_conformance.suite.suite_run import Graphs
+from automcm_conformance.suite.suite_run import conform
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_evaluation.sweeps import sweep
-from automcm_maintenance.code_mutation import cpp_station, equivalence, faults, suite_kills
-from automcm_maintenance.code_mutation.equivalence import WALKS, Difference, EquivalenceError
+from automcm_maintenance.code_mutation import cpp_station, equivalence, faults
+from automcm_maintenance.code_mutation.equivalence import WALKS, EquivalenceError
+from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_mutants import (
     REFERENCE,
@@ -33,17 +35,12 @@ from automcm_maintenance.code_mutation.source_mutants import (
     Generated,
     SourceMutant,
 )
-from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle_generation import spec_hash
 from automcm_spec.support import scratch
 
 Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
-FIRST = ("forms", 0), ("tight", 0), ("one-peer", 0)
-"""The graphs before the suite, to begin with the cases that should find a difference."""
-UNTIL_S = 1_800.0
-"""Time limit of the suite for one mutant, in seconds of real time."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +106,10 @@ class KillCertificate:
     problems: list[str] = field(default_factory=list)
     """Problems of the run itself."""
 
-    def counts(self, rows: Sequence[MutantRow] | None = None) -> Counter[str]:
+    @property
+    def counts(self) -> Counter[str]:
         """The number of mutants with each verdict."""
-        return Counter(row.verdict for row in (self.rows if rows is None else rows))
+        return Counter(row.verdict for row in self.rows)
 
     @property
     def complete(self) -> bool:
@@ -124,7 +122,7 @@ class KillCertificate:
         is not complete."""
         if not self.complete:
             return 3
-        return 1 if self.counts()["survived"] or self.counts()["undecided"] else 0
+        return 1 if self.counts["survived"] or self.counts["undecided"] else 0
 
     def as_dict(self) -> dict[str, object]:
         """The report for ``--json``; equal bytes in each run with the same seed."""
@@ -139,7 +137,7 @@ class KillCertificate:
             "chosen": self.chosen,
             "complete": self.complete,
             "exit_code": self.exit_code,
-            "counts": dict(sorted(self.counts().items())),
+            "counts": dict(sorted(self.counts.items())),
             **{"notes": self.notes, "problems": self.problems},
             "mutants": [row.as_dict() for row in self.rows],
         }
@@ -148,41 +146,22 @@ class KillCertificate:
 # -- one mutant, in any process
 
 
-@cache
-def _graphs() -> Graphs:
-    return Graphs.load(spec_hash(), shared=True)
-
-
 def _judge(asked: CertificateRun, values: Values) -> Values:
-    """The row of a mutant of the reference: hold the suite against it, first with the cases that
-    should find its difference.  What it does not kill is compared on the other graphs."""
+    """The row of a mutant of the reference: hold the suite against it.  What it does not kill is
+    compared on the graphs."""
     m = SourceMutant(**values)
     row = MutantRow(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
     with scratch.folder("certify") as folder:
         source = folder / f"{m.module}.py"
         source.write_text(m.source, encoding="utf-8")
-
-        def differs(when: bool) -> equivalence.FirstDifference | None:
-            walks = [walk for walk in asked.walks if (walk in FIRST) is when]
-            return equivalence.first_difference(m, source, walks)
-
         child = "automcm_maintenance.code_mutation.mutated_process"
-        command = [sys.executable, "-m", child, m.module, str(source)]
-        found, error = None, ""
-        try:
-            found = differs(True)
-        except EquivalenceError as ended:  # it may be killed all the same
-            error = str(ended)
-        try:
-            hint = equivalence.hint(found, _graphs().owners) if found else set()
-            _set_verdict(row, killed(command, asked, folder, sorted(hint)))
-            if row.verdict == "survived":
-                row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
-                found = found or (None if error else differs(False))
-                if found:
-                    row.verdict, row.difference = "survived", found.difference
-        except (EquivalenceError, OSError) as ended:
-            row.verdict, row.why = "undecided", str(ended)
+        _hold(row, [sys.executable, "-m", child, m.module, str(source)], asked, folder)
+        if row.verdict == "survived":
+            try:
+                row.difference = equivalence.first_difference(m, source, asked.walks)
+                row.verdict = "survived" if row.difference else "equivalent"
+            except (EquivalenceError, OSError) as ended:
+                row.verdict, row.why = "undecided", str(ended)
     return row.as_dict()
 
 
@@ -196,40 +175,44 @@ def _judge_cpp(asked: CertificateRun, values: Values) -> Values:
     with scratch.folder("certify") as folder:
         try:
             station = cpp_station.build_mutant(mutant, folder)
-            _set_verdict(row, killed([str(station)], asked, folder, rules))
+            _hold(row, [str(station)], asked, folder)
         except (SubprocessError, OSError) as error:
             row.why = f"{error} {getattr(error, 'stderr', None) or ''}"
     return row.as_dict()
 
 
-def killed(
-    command: Sequence[str], asked: CertificateRun, folder: Path, first: Sequence[str] = ()
-) -> Kills:
-    """Hold the suite against one station: first the cases that ``first`` selects; if none of these
-    fails, the quick part of all cases, and then the whole suite.  Only the quick part, if asked.
-    """
+def _hold(row: MutantRow, command: Sequence[str], asked: CertificateRun, folder: Path) -> None:
+    """Hold the suite against one station, first its quick part, and set the verdict."""
     chosen = purposes.select(purposes.load(), asked.selectors)
-    likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
-    likely = likely if asked.cases else []
-    found, due = Kills(), monotonic() + UNTIL_S
-    parts = [(likely, False)] if likely else []
-    parts += [(chosen, True)] if asked.cases else []
-    for part, quick in [(chosen, True)] if asked.quick else [*parts, (chosen, False)]:
-        found = suite_kills.kills(
-            command,
-            _graphs(),
-            part,
-            folder,
-            enough=asked.cases,
-            seed=asked.seed,
-            limit_s=LIMIT_S,
-            until_s=due - monotonic(),
-            brief=part is likely,
-            quick=quick,
-        )
-        if found.unstarted is not None or found.cases:
-            break
-    return found
+    for quick in [True] if asked.quick else [True, False] if asked.cases else [False]:
+        try:
+            found = conform(
+                command,
+                chosen,
+                folder,
+                limit_s=LIMIT_S,
+                seed=asked.seed,
+                notify=lambda _: None,
+                selectors=asked.selectors,
+                expected={},
+                stop_after=asked.cases,
+                quick=quick,
+            )
+        except (AdapterError, ProtocolError) as error:
+            no_mutant = getattr(error, "exit_code", None) == NO_IMPORT
+            row.verdict, row.why = "invalid" if no_mutant else "killed", str(error)
+            return
+        if INTERRUPTED in found.notes:
+            raise KeyboardInterrupt
+        if found.broke:
+            row.why = "; ".join(found.problems)
+            return
+        if failed := [case for case in found.cases if case.verdict in ("FAIL", "ERROR")]:
+            first = failed[0]
+            row.verdict, row.cases = "killed", [case.id for case in failed]
+            row.why = first.failures[0].what if first.failures else first.reason
+            return
+    row.verdict = "survived"
 
 
 # -- the run
@@ -278,17 +261,6 @@ def _finished(
     return rows, problems
 
 
-def _set_verdict(row: MutantRow, kills: Kills) -> None:
-    """Set the verdict of a mutant from the suite's result."""
-    row.cases, row.why = kills.cases, kills.what
-    if kills.unstarted == NO_IMPORT:
-        row.verdict = "invalid"
-    elif kills.cases or kills.unstarted is not None:
-        row.verdict = "killed"
-    else:
-        row.verdict = "undecided" if kills.late else "survived"
-
-
 SUFFIXES = ".py", ".toml", ".hpp", ".cpp"
 
 
@@ -302,6 +274,6 @@ def suite_hash(asked: CertificateRun) -> str:
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES):
             found.update(path.read_bytes())
-    for path in (*equivalence.FILES, Path(suite_kills.__file__), Path(__file__)):
+    for path in (*equivalence.FILES, Path(__file__)):
         found.update(path.read_bytes())
     return found.hexdigest()

@@ -17,13 +17,10 @@ STATIONS = ("reference", "cpp", "all")
 app = typer.Typer()
 
 
-@app.command(epilog=example("conform certify --class timer --out runs/certificate"))
+@app.command(epilog=example("conform certify --mutants 24 --out runs/certificate"))
 def certify(
     seed: Annotated[int, typer.Option(help="Seed of the sample and of the suite.")] = 1,
     mutant: Annotated[list[str] | None, typer.Option(help="Only this mutant.  Repeatable.")] = None,
-    class_: Annotated[
-        list[str] | None, typer.Option("--class", help="Only mutants of this class.  Repeatable.")
-    ] = None,
     mutants: Annotated[
         int | None, typer.Option(help="Sample size for the reference's mutants (0 = all).", min=0)
     ] = None,
@@ -66,14 +63,14 @@ def certify(
 
     if station not in STATIONS:
         raise typer.BadParameter(f"--station must be one of {', '.join(STATIONS)}, not {station!r}")
-    if page and (mutant or class_ or suite or quick):
+    if page and (mutant or suite or quick):
         raise typer.BadParameter(
-            "--page requires a complete certificate: omit --mutant, --class, --suite and --quick"
+            "--page requires a complete certificate: omit --mutant, --suite and --quick"
         )
     purposes_of(suite or [])
     asked = CertificateRun(out, seed, cases, tuple(suite or ()), jobs, quick)
     with code_3("certify", OracleError, EquivalenceError, OSError, SyntaxError, ValueError):
-        made, chosen = _chosen(station, mutant, class_, mutants, seed)
+        made, chosen = _chosen(station, mutant, mutants, seed)
         if list_:
             for each in chosen:
                 typer.echo(f"{each.id}  {each.file}:{each.line}  {each.rule}")
@@ -105,18 +102,12 @@ def certify(
 def _chosen(
     station: str,
     ids: list[str] | None,
-    classes: list[str] | None,
     count: int | None,
     seed: int,
 ) -> tuple[Generated, list[SourceMutant]]:
     """All mutants of the reference, and those selected."""
     from automcm_maintenance.code_mutation import source_mutants
-    from automcm_maintenance.code_mutation.source_edits import CLASSES
 
-    if unknown := set(classes or ()) - set(CLASSES):
-        raise typer.BadParameter(
-            f"there is no class {', '.join(sorted(unknown))}; the classes are {', '.join(CLASSES)}"
-        )
     made = source_mutants.generate()
     if station == "cpp":
         return made, []
@@ -128,5 +119,4 @@ def _chosen(
             )
         return made, chosen
     share = source_mutants.SHARE if count is None else count
-    chosen = source_mutants.sample(made.mutants, share, seed)
-    return made, [each for each in chosen if not classes or each.class_ in classes]
+    return made, source_mutants.sample(made.mutants, share, seed)

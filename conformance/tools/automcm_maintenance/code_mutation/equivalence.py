@@ -6,16 +6,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
-from automcm_conformance.suite.purposes import Owners
+from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import GRAMMAR
 from automcm_maintenance.code_mutation.source_mutants import SourceMutant, path_of
 from automcm_spec.graph import oracle
-from automcm_spec.graph.oracle_generation import GRAPHS
 from automcm_spec.support import children
-from automcm_spec.vocabulary.rules import kind
 
 WALKS = (
     ("forms", 0),
@@ -35,34 +32,13 @@ SECONDS = 7_200
 """Limit of real time for one walk."""
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A state and an input at which a mutant behaves differently, in the form of JSON."""
-
-    graph: str
-    state: object
-    input: str
-    right: str
-    wrong: str
-
-
-@dataclass(frozen=True)
-class FirstDifference:
-    """The first state with a difference, by its ``number`` in the graph, and the kinds of input
-    that differ there."""
-
-    number: int
-    kinds: list[str]
-    difference: Difference
-
-
 class EquivalenceError(Exception):
-    """A walk that did not finish; the text is the last line of its standard error."""
+    """A walk that did not finish; the text is the end of its standard error."""
 
 
 def first_difference(
     mutant: SourceMutant, source: Path, walks: Iterable[tuple[str, int]]
-) -> FirstDifference | None:
+) -> Difference | None:
     """Where a mutant first behaves differently on these graphs, or None.
 
     ``source`` is the file of the mutated module.  Raises EquivalenceError, OSError.
@@ -70,26 +46,10 @@ def first_difference(
     for graph, variant in walks:
         if graph == "forms" and mutant.module not in GRAMMAR:
             continue
-        found = json.loads(_child(mutant.module, str(source), "compare", graph, str(variant)))
+        found = json.loads(_child(mutant.module, str(source), graph, str(variant)))
         if found is not None:
-            difference = Difference(**found["difference"])
-            return FirstDifference(found["number"], found["kinds"], difference)
+            return Difference(**found)
     return None
-
-
-def hint(found: FirstDifference, owners: Owners) -> set[str]:
-    """The cases with such inputs at such a state, which should find the difference."""
-    if found.difference.graph not in GRAPHS:
-        return set()
-    graph = oracle.load(GRAPHS[found.difference.graph].path)
-    cases = set()
-    for answer in graph.answers(found.number):
-        value = graph.inputs[answer.input]
-        if kind(value) in found.kinds:
-            state = graph.states[answer.state]
-            owner = owners.owner(state, value, answer.effect, answer.changes)
-            cases |= {owner.id} if owner is not None else set()
-    return cases
 
 
 def _child(*arguments: str) -> str:

@@ -4,27 +4,23 @@ The unchanged reference runs in a process of its own.  Where a step gives the tw
 the difference is carried to the next state of the graph if it is new there, and both get every
 input there, too.  If their messages, indications, timers and deadlines are always equal, the mutant
 is equivalent on this graph.
+
+This module is imported before the reference is replaced (mutated_process.py), so it imports none of
+it at its head.
 """
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
+import gc
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any, BinaryIO, NamedTuple, Protocol
-
-from automcm_spec.support import children
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple, Protocol
 
 Changed = Mapping[str, Any]
 """Fields of a state, with the mutant's values where these differ."""
-Texts = dict[str, str]
-Known = tuple[Texts, list[tuple[str, Texts | None]]]
-"""The fields of a state, and the outcome of each input with the fields after it."""
-Ask = Callable[[int], Callable[[], Known]]
-"""Asks for a state by number; what it returns waits for the answer."""
 
 
 class Answer(NamedTuple):
@@ -51,66 +47,72 @@ class Walked(Protocol):
         """The answers to all inputs there, always in the same order."""
 
 
-class Different(NamedTuple):
-    """A state with different outcomes: its number, the mutant's changes of it, and by input the
-    right and the wrong outcome."""
+@dataclass(frozen=True)
+class Difference:
+    """A state and an input at which a mutant behaves differently, in the form of JSON."""
 
-    state: int
-    changed: Changed
-    outcomes: list[tuple[Any, str, str]]
-
-
-def serve(walked: Walked, numbers: Iterable[str], out: BinaryIO) -> None:
-    """Answer the questions of ``unchanged``."""
-    for n in map(int, numbers):
-        answers = [(a.outcome, None if a.then is None else _texts(a.then)) for a in _all(walked, n)]
-        pickle.dump((_texts(walked.fields(n, {})), answers), out)
-        out.flush()
+    graph: str
+    state: object
+    input: str
+    right: str
+    wrong: str
 
 
-def _all(walked: Walked, n: int, changed: Changed | None = None) -> list[Answer]:
-    return list(walked.answers(n, changed or {}))
+def walked(graph: str, variant: int) -> Walked:
+    """The reference of this process on a graph; of the special graph ``forms`` the states are
+    messages, the inputs their edge cases."""
+    from automcm_maintenance.code_mutation import accepted_forms, station_behaviour
+    from automcm_spec.graph.oracle import load
+    from automcm_spec.graph.oracle_generation import GRAPHS
+
+    gc.disable()  # the graph is large and permanent
+    if graph == "forms":
+        return accepted_forms.Forms()
+    return station_behaviour.AnyState(load(GRAPHS[graph].path), station_behaviour.VARIANTS[variant])
 
 
-def _texts(fields: Changed) -> Texts:
+def unchanged(graph: str, variant: int) -> Connection:
+    """Fork a process with the reference of this one: for the number of a state it sends the fields
+    of the state as text, and the outcomes of all inputs with the fields after them."""
+    ours, theirs = get_context("fork").Pipe()
+    get_context("fork").Process(
+        target=_serve, args=(theirs, ours, graph, variant), daemon=True
+    ).start()
+    theirs.close()
+    return ours
+
+
+def _serve(asked: Connection, other: Connection, graph: str, variant: int) -> None:
+    other.close()  # so that the end of the parent closes the pipe
+    right = walked(graph, variant)
+    while True:
+        try:
+            n = asked.recv()
+        except EOFError:
+            return
+        answers = [
+            (a.outcome, None if a.then is None else _texts(a.then)) for a in right.answers(n, {})
+        ]
+        asked.send((_texts(right.fields(n, {})), answers))
+
+
+def _texts(fields: Changed) -> dict[str, str]:
     return {name: repr(value) for name, value in fields.items()}
 
 
-@contextmanager
-def unchanged(graph: str, variant: str) -> Iterator[Ask]:
-    """The unchanged reference in a process of its own."""
-    child = "automcm_maintenance.code_mutation.mutated_process"
-    command = children.ending_with_parent(
-        [sys.executable, "-m", child, "state", "-", "serve", graph, variant]
-    )
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None and process.stdout is not None
-        given, answered = process.stdin, process.stdout
-
-        def ask(n: int) -> Callable[[], Known]:
-            given.write(b"%d\n" % n)
-            given.flush()
-            return lambda: pickle.load(answered)
-
-        try:
-            yield ask
-        finally:
-            process.kill()
-
-
-def first_difference(wrong: Walked, right: Ask) -> Different | None:
-    """The first state with different outcomes."""
+def first_difference(graph: str, wrong: Walked, right: Connection) -> Difference | None:
+    """The first input with another outcome."""
     left: deque[tuple[int, Changed]] = deque((n, {}) for n in range(len(wrong.states)))
     seen: set[tuple[int, str]] = set()
     while left:
         n, changed = left.popleft()
-        known = right(n)
-        answers = _all(wrong, n, changed)
-        here, outcomes = known()
+        right.send(n)
+        answers = list(wrong.answers(n, changed))
+        here, outcomes = right.recv()
         both = list(zip(answers, outcomes, strict=False))  # a mutant may not enter the state
-        different = [(a.input, text, a.outcome) for a, (text, _) in both if a.outcome != text]
-        if different:
-            return Different(n, changed, different)
+        for answer, (text, _) in both:
+            if answer.outcome != text:
+                return _difference(graph, wrong.states[n], changed, answer, text)
         for answer, (_, after) in both:
             if answer.then is None and after is None:
                 continue
@@ -122,3 +124,14 @@ def first_difference(wrong: Walked, right: Ask) -> Different | None:
                 seen.add(place)
                 left.appendleft((answer.next, differs))  # the sooner it may show
     return None
+
+
+def _difference(
+    graph: str, state: object, changed: Changed, answer: Answer, right: str
+) -> Difference:
+    from automcm_spec.vocabulary.json_forms import canonical, to_json
+
+    shown = to_json(state)
+    given = answer.input if isinstance(answer.input, str) else canonical(answer.input)
+    place = [shown, repr(changed)] if changed else shown
+    return Difference(graph, place, given, right, answer.outcome)

@@ -2,24 +2,20 @@
 
 ``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers like ``automcm
 adapter``, with the source of FILE instead of MODULE; with ``-`` as FILE nothing is replaced.
-Another task can follow (lockstep.py):
-
-    compare GRAPH VARIANT    prints, as JSON, the first state with other outcomes, or null
-    serve GRAPH VARIANT      answers the questions of ``compare``
-
-The states of the special graph `forms` are messages; its inputs are their edge cases
-(accepted_forms.py).
+With ``GRAPH VARIANT`` after these, it prints the first difference from the unchanged reference
+on this graph as JSON, or null (lockstep.py).
 """
 
 from __future__ import annotations
 
-import gc
 import json
 import resource
 import signal
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
+from automcm_maintenance.code_mutation import lockstep
 from automcm_maintenance.code_mutation.faults import Hook
 
 GRAMMAR = ("messages", "parameters")
@@ -55,19 +51,22 @@ def limited(cpu_s: int) -> None:
 
 
 def main() -> None:
-    """Replace the module given by the arguments, then run the task."""
-    module, file, *task = sys.argv[1:]
-    limited(LARGE_CPU_S if "two-peers" in task else CPU_S)
+    """Replace the module given by the arguments, then serve or compare."""
+    module, file, *walk = sys.argv[1:]
+    limited(LARGE_CPU_S if "two-peers" in walk else CPU_S)
+    right = lockstep.unchanged(walk[0], int(walk[1])) if walk else None
     replace(module, file)
     try:
         import automcm.adapters.adapter_lines  # noqa: F401
     except Exception as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         sys.exit(NO_IMPORT)
-    if task:
-        _behave(*task)
-    else:
+    if right is None:
         _serve()
+        return
+    wrong = lockstep.walked(walk[0], int(walk[1]))
+    found = lockstep.first_difference(walk[0], wrong, right)
+    print(json.dumps(found and asdict(found)))
 
 
 def _serve() -> None:
@@ -78,39 +77,6 @@ def _serve() -> None:
         out.write(answer)
         out.flush()
         signal.setitimer(signal.ITIMER_PROF, ANSWER_CPU_S)  # then SIGPROF ends this process
-
-
-def _behave(task: str, graph: str, variant: str) -> None:
-    from automcm_maintenance.code_mutation import accepted_forms, lockstep, station_behaviour
-    from automcm_spec.graph.oracle import load
-    from automcm_spec.graph.oracle_generation import GRAPHS
-    from automcm_spec.vocabulary.json_forms import canonical, to_json
-    from automcm_spec.vocabulary.rules import kind
-
-    gc.disable()  # the graph is large and permanent
-    walked: lockstep.Walked = accepted_forms.Forms()
-    if graph != "forms":
-        oracle, chosen = load(GRAPHS[graph].path), station_behaviour.VARIANTS[int(variant)]
-        walked = station_behaviour.AnyState(oracle, chosen)
-    if task == "serve":
-        lockstep.serve(walked, sys.stdin, sys.stdout.buffer)
-        return
-    with lockstep.unchanged(graph, variant) as right:
-        found = lockstep.first_difference(walked, right)
-    if found is None:
-        print("null")
-        return
-    value, rightly, wrongly = found.outcomes[0]
-    state = to_json(walked.states[found.state])
-    shown = {
-        "graph": graph,
-        "state": [state, repr(found.changed)] if found.changed else state,
-        "input": value if isinstance(value, str) else canonical(value),
-        "right": rightly,
-        "wrong": wrongly,
-    }
-    kinds = {kind(value) for value, *_ in found.outcomes if not isinstance(value, str)}
-    print(json.dumps({"number": found.state, "kinds": sorted(kinds), "difference": shown}))
 
 
 if __name__ == "__main__":

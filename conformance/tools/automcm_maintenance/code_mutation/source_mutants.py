@@ -10,7 +10,7 @@ import hashlib
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 
@@ -61,12 +61,6 @@ class SourceMutant:
     def module(self) -> str:
         """The module that it changes."""
         return self.id.split("/")[0]
-
-    def as_dict(self) -> dict[str, str | int]:
-        """The mutant without its source, for JSON."""
-        out = asdict(self)
-        del out["source"]
-        return {"class" if name == "class_" else name: value for name, value in out.items()}
 
 
 @dataclass
