@@ -101,14 +101,10 @@ class Runner:
         self.broke = False
         self.enough = 0
         """The number of failed cases that ends the run; 0: none."""
-        self.runs, self.starts = RUNS, STARTS
-        """Exchanges tried in order to shorten one, and one that ends in a crash."""
         self.quick = False
         """Only some pairs of each case are driven; cases of two peers and scenarios are omitted."""
         self.case_seconds: dict[str, float] = {}
         """The real time of each case."""
-        self.confirms = True
-        """Wrong answers are confirmed in a fresh process."""
         self.predict = True
         """The station is assumed to number its sessions one by one."""
         self.features = frozenset[str](adapter.hello.features)
@@ -468,9 +464,8 @@ class Runner:
             return None
 
         ways = [tours.path(state) for state in states]
-        short = shortened(
-            part.oracle, inputs, ways, attempt, 1 if hangs else self.starts if kind else self.runs
-        )
+        tries = 1 if hangs else STARTS if kind else RUNS
+        short = shortened(part.oracle, inputs, ways, attempt, tries)
         least = short is not None
         if self.timed and not kind and (short is None or len(short[0]) > NEAR):
             short = _nearer(short, ways[-1], tour[place], error, attempt)
@@ -522,7 +517,7 @@ class Runner:
     def confirmed(self, tally: Tally | None, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
         """``in_fresh_process``, for the first failure of a case."""
         known = tally is None or any(not fault.unconfirmed for fault in tally.faults)
-        if known or not self.confirms:
+        if known:
             return error, "" if repeated else NONDETERMINISTIC
         return in_fresh_process(self.adapter, error, repeated=repeated)
 

@@ -6,7 +6,7 @@ import gc
 import signal
 import threading
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -101,28 +101,17 @@ def _finishing(runner: Runner) -> Iterator[None]:
 
 class Graphs:
     """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
-    of the others. Runs may share them. Raises OracleError, here or later."""
+    of the others. Raises OracleError, here or later."""
 
-    def __init__(self, one: Oracle, shared: bool = False) -> None:
+    def __init__(self, one: Oracle) -> None:
         self.one = one
         self.owners = Owners(load_purposes())
-        self._shared = shared
-        self._pairs: dict[frozenset[str], list[OracleAnswer]] = {}
 
     @classmethod
-    def load(cls, spec_hash: str, *, shared: bool = False) -> Graphs:
-        """``spec_hash``: of the specification that the graphs were made from. ``shared``: several
-        runs use them, so that the pairs are kept in memory."""
+    def load(cls, spec_hash: str) -> Graphs:
+        """``spec_hash``: of the specification that the graphs were made from."""
         with uncollected():
-            return cls(load(ONE_PEER.path, spec_hash), shared)
-
-    def pairs(self, rules: frozenset[str]) -> Iterable[OracleAnswer]:
-        """The pairs of ``one`` that these rules decide."""
-        if not self._shared:
-            return self.one.decided_by(rules)
-        if rules not in self._pairs:
-            self._pairs[rules] = list(self.one.decided_by(rules))
-        return self._pairs[rules]
+            return cls(load(ONE_PEER.path, spec_hash))
 
     @cached_property
     def two(self) -> Oracle:
@@ -149,7 +138,7 @@ def tours(runner: Runner, graphs: Graphs) -> None:
     """Test the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
     limits = graphs.limits if "MEM-1" in rules else []
-    runner.graph(PairPart("one-peer", graphs.one), graphs.pairs(rules), owners)
+    runner.graph(PairPart("one-peer", graphs.one), graphs.one.decided_by(rules), owners)
     if not runner.quick:
         third = [answer for answer in graphs.third if answer.effect.rule in rules]
         runner.graph(PairPart("two-peers, beyond one-peer", graphs.two, True), third, owners)

@@ -16,7 +16,7 @@ import time
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from automcm.encoding.codec import NAMES, Codec, codec
+from automcm.encoding.codec import Codec, codec
 from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.messages import LIMIT, MAX_BYTES, MAX_DEPTH, Cam, Message, MessageError
@@ -180,11 +180,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--count", type=int, default=10_000_000, help="inputs altogether")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--codec", choices=NAMES, help="else json 4/5 of the inputs, uper 1/5")
     options = parser.parse_args(arguments)
-    shares = {options.codec: options.count}
-    if options.codec is None:
-        shares = {"uper": options.count // 5, "json": options.count - options.count // 5}
+    shares = {"uper": options.count // 5, "json": options.count - options.count // 5}
     for name, count in shares.items():
         started = time.monotonic()
         try:

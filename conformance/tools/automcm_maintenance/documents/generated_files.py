@@ -46,7 +46,6 @@ _OF_SLOW = (
     *(*OF_GRAPH, "spec/models", "spec/simulation", "traces/automcm_traces", "traces/tools"),
     *("traces/counterexamples", "reference/automcm", "conformance/automcm_conformance"),
 )
-_PAIRS = two_peer_pairs.PATH
 T = TypeVar("T")
 
 
@@ -291,9 +290,7 @@ def _two_peer_pairs() -> str:
     return two_peer_pairs.text(two, one)
 
 
-def write(
-    notify: Callable[[str], None], two_peers: bool = True, only: Sequence[Path] = ()
-) -> list[Path]:
+def write(notify: Callable[[str], None], only: Sequence[Path] = ()) -> list[Path]:
     """Renew all generated files, or those at or below these paths; returns those that changed or
     were deleted.
 
@@ -316,8 +313,7 @@ def write(
     anew = wanted(graph.path)
     one_peer = _kept(f"oracle {graph.name}", fresh) if anew else oracle.content(graph.path)
     for each in _all(one_peer, notify):
-        skipped = not two_peers and each.path in (oracle_generation.TWO_PEERS.path, _PAIRS)
-        if wanted(*(each.folders or [each.path])) and not skipped:
+        if wanted(*(each.folders or [each.path])):
             notify(_name(each.path))
             make = partial(_kept, each.path.name, each.make) if each.slow else each.make
             changed += replace(each, make=make).write()

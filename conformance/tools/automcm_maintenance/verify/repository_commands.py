@@ -78,9 +78,6 @@ def generate(
         list[Path] | None,
         typer.Argument(help="Only these files, or those below these folders."),
     ] = None,
-    two_peers: Annotated[
-        bool, typer.Option(help="Renew the two-peer graph, too (takes minutes).")
-    ] = True,
 ) -> None:
     """Renew the generated files.
 
@@ -96,7 +93,7 @@ def generate(
     faults = MissingProver, TlcError, ToolError, ModelError, OSError, ValueError
     only = [path.resolve() for path in paths or ()]
     with code_3("generate", *faults), progress(piped=True) as notify:
-        changed = generated_files.write(notify, two_peers, only)
+        changed = generated_files.write(notify, only)
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:
