@@ -31,13 +31,8 @@ MOST = 300
 """The maximum number of states tracked at once; above it, finding no state proves nothing."""
 Refused = list[tuple[tuple[float, int], Diverges]]
 """The divergences of the tracked states from an event, each with its rank."""
-_KINDS = {
-    "receive": "receive",
-    "cam": "receive",
-    "command": "command",
-    "expire": "timer",
-    "restart": "restart",
-}
+_LOGGED_AS = {"cam": "receive", "expire": "timer"}
+"""The kinds of input that have another name in a log."""
 
 
 class _Supposing(Engine):
@@ -230,7 +225,7 @@ class _Search:
 
     def _may_be(self, i: Input, engine: Engine, shows: bool) -> bool:
         """Whether an input may have happened unobserved; ``shows``: the event may be its effect."""
-        if _KINDS[i.kind] in self.promised:
+        if _LOGGED_AS.get(i.kind, i.kind) in self.promised:
             return False
         if i.kind == "cam":  # without logged timers, the timer cam is taken to last for ever
             return shows or "timer" in self.promised

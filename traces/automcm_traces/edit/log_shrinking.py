@@ -52,8 +52,8 @@ class Shrunk:
 
     finding: Finding
     """The problem; without a file if it involves all logs together."""
-    logs: Candidate = ()
-    before: dict[str, int] = field(default_factory=dict)
+    logs: Candidate
+    before: dict[str, int]
     """The number of events in each given log."""
     tries: int = 0
     ended: bool = False
@@ -127,9 +127,8 @@ def shrink(
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
     if wrong is not None and wrong.finding.kind != "forged":
         alone = LogSlice.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
-        found = Shrunk(wrong.finding)
-        found.before = {name_of(path): _events(path) for path in paths}
-        return Search((alone,), diverges_as(wrong, late_ms), tries, on_progress).run(found)
+        found = Shrunk(wrong.finding, (alone,), {name_of(path): _events(path) for path in paths})
+        return Search(found, diverges_as(wrong, late_ms), tries, on_progress).run()
     for v in verdicts:
         if v.verdict == "unreadable":
             where = at_line(v.file, v.finding.at.line)
@@ -145,16 +144,16 @@ def shrink(
         raise NothingToShrink(text, code) from None
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
-        found = Shrunk(wrong.finding, before=before)
-        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, on_progress).run(found)
+        found = Shrunk(wrong.finding, logs, before)
+        return Search(found, forged_as(wrong, verdicts, late_ms), tries, on_progress).run()
     system = judge([log.log() for log in logs]) if len(paths) > 1 else None
     violated = None if system is None else next(iter(_violations(system)), None)
     if violated is None:
         if code == 1 and system is not None and system.hazards:
             text = "a fault caused a hazard, but all stations behave as allowed: nothing to shrink"
         raise NothingToShrink(text, code)
-    found = Shrunk(violated, before=before)
-    return Search(logs, violates_as(violated, verdicts, late_ms), tries, on_progress).run(found)
+    found = Shrunk(violated, logs, before)
+    return Search(found, violates_as(violated, verdicts, late_ms), tries, on_progress).run()
 
 
 def _events(path: Path) -> int:
@@ -245,69 +244,67 @@ def _down(n: int) -> range:
 class Search:
     """Leaves out as much as possible. ``same`` tests whether logs still show the same problem."""
 
-    best: Candidate
+    found: Shrunk
+    """The smallest logs so far."""
     same: Test
     most: int
     on_progress: Callable[[str], None]
-    tries: int = 0
-    file: str = ""
-    line: int = 0
-    """The place of the problem; empty and 0 if it involves all logs together."""
     _refused: set[tuple[tuple[int, ...], ...]] = field(default_factory=set)
 
     @property
     def ended(self) -> bool:
         """Whether the limit of tries is reached."""
-        return self.tries >= self.most
+        return self.found.tries >= self.most
 
-    def run(self, found: Shrunk) -> Shrunk:
-        """Search, and fill in the result."""
-        self.file, self.line, _ = found.finding.at
+    def run(self) -> Shrunk:
+        """Search as far as the limit of tries allows."""
         self._sessions()
         self._logs()
         size = -1
         while size != self._size() and not self.ended:
             size = self._size()
-            for n in range(len(self.best)):
+            for n in range(len(self.found.logs)):
                 self._exchanges(n)
                 self._fewer(n, lambda log: log.steps())
                 self._fewer(n, lambda log: log.effects())
             if size == self._size():
-                for n in range(len(self.best)):
+                for n in range(len(self.found.logs)):
                     self._some_fewer(n)
-        found.logs, found.tries, found.ended = self.best, self.tries, self.ended
-        return found
+        self.found.ended = self.ended
+        return self.found
 
     def _size(self) -> int:
-        return sum(len(log.items) for log in self.best)
+        return sum(len(log.items) for log in self.found.logs)
 
     def _sessions(self) -> None:
         """Leave out whole sessions, in all logs: first all except one, then each."""
         wrong = self._wrong()
         groups: dict[tuple[int, int], set[int]] = {}
-        for log in self.best:
+        for log in self.found.logs:
             for name, items in log.by_session().items():
                 groups.setdefault(name, set()).update(id(item) for item in items)
         names = sorted(groups, reverse=True)
         for name in names:
             if groups[name] & wrong:
                 self._without({i for other in names if other != name for i in groups[other]})
-        for log_name in sorted({n for log in self.best for n in log.by_session()}, reverse=True):
-            found = (log.by_session().get(log_name, ()) for log in self.best)
+        for log_name in sorted(
+            {n for log in self.found.logs for n in log.by_session()}, reverse=True
+        ):
+            found = (log.by_session().get(log_name, ()) for log in self.found.logs)
             self._without({id(item) for items in found for item in items})
 
     def _exchanges(self, n: int) -> None:
         """Leave out everything about one proposal, or about one message."""
         again = True
         while again and not self.ended:
-            found = self.best[n].by_number()
+            found = self.found.logs[n].by_number()
             again = any(self._without({id(item) for item in items}) for items in reversed(found))
 
     def _logs(self) -> None:
         """Leave out whole logs; two stay, because explain does not judge one log as a run."""
-        for log in self.best:
-            if len(self.best) > 2:
-                self._try(tuple(other for other in self.best if other is not log))
+        for log in self.found.logs:
+            if len(self.found.logs) > 2:
+                self._try(tuple(other for other in self.found.logs if other is not log))
 
     def _fewer(self, n: int, parts_of: Callable[[LogSlice], list[list[Item]]]) -> None:
         """Leave out consecutive parts of the log at index ``n``, long runs first, from the end."""
@@ -315,13 +312,13 @@ class Search:
         def without(best: Candidate, at: int, size: int) -> Candidate | None:
             away = parts_of(best[n])[::-1][at : at + size]
             done = self._without({id(item) for part in away for item in part})
-            return self.best if done else None
+            return self.found.logs if done else None
 
-        with_fewer_parts(self.best, lambda best: len(parts_of(best[n])), without)
+        with_fewer_parts(self.found.logs, lambda best: len(parts_of(best[n])), without)
 
     def _some_fewer(self, n: int) -> None:
         """Leave out any consecutive steps, or any two steps."""
-        steps = self.best[n].steps()
+        steps = self.found.logs[n].steps()
         if len(steps) > MOST_STEPS:
             return
         rows = [steps[at : at + size] for size in _down(len(steps)) for at in _down(len(steps))]
@@ -332,14 +329,16 @@ class Search:
     def _without(self, away: set[int]) -> bool:
         """Try to leave out some items. In a single log, first try to close the gaps."""
         away = away - self._wrong()
-        if len(self.best) > 1:
+        if len(self.found.logs) > 1:
             away = self._with_received(away)
-        kept = [[item for item in log.items if id(item) not in away] for log in self.best]
+        kept = [[item for item in log.items if id(item) not in away] for log in self.found.logs]
         key = tuple(tuple(item.line for item in items) for items in kept)
         if key in self._refused or not away:
             return False
-        pairs = list(zip(self.best, kept, strict=True))
-        if len(self.best) == 1 and self._try(tuple(log.closed_up(items) for log, items in pairs)):
+        pairs = list(zip(self.found.logs, kept, strict=True))
+        if len(self.found.logs) == 1 and self._try(
+            tuple(log.closed_up(items) for log, items in pairs)
+        ):
             return True
         if self._try(tuple(log.having(items) for log, items in pairs)):
             return True
@@ -348,9 +347,10 @@ class Search:
 
     def _wrong(self) -> set[int]:
         """The event with the problem, and its input, which both stay."""
-        steps = (step for log in self.best if log.file == self.file for step in log.steps())
-        found = [step for step in steps if any(item.line == self.line for item in step)]
-        return {id(i) for step in found for i in step if i is step[0] or i.line == self.line}
+        at = self.found.finding.at
+        steps = (step for log in self.found.logs if log.file == at.file for step in log.steps())
+        found = [step for step in steps if any(item.line == at.line for item in step)]
+        return {id(i) for step in found for i in step if i is step[0] or i.line == at.line}
 
     def _with_received(self, away: set[int]) -> set[int]:
         """Add every step that receives a message that is no longer sent."""
@@ -358,9 +358,9 @@ class Search:
         size = -1
         while size != len(away):
             size = len(away)
-            items = [item for log in self.best for item in log.items if id(item) in away]
+            items = [item for log in self.found.logs for item in log.items if id(item) in away]
             gone = {item.event.tx for item in items if isinstance(item.event, Send)}
-            for log in self.best:
+            for log in self.found.logs:
                 for step in log.steps():
                     event = step[0].event
                     if isinstance(event, Receive) and event.tx in gone:
@@ -370,9 +370,11 @@ class Search:
     def _try(self, candidate: Candidate) -> bool:
         if self.ended:
             return False
-        self.tries += 1
+        self.found.tries += 1
         if not self.same([log.log() for log in candidate]):
             return False
-        self.best = candidate
-        self.on_progress(f"{self._size()} events in {len(self.best)} logs, {self.tries} tried")
+        self.found.logs = candidate
+        self.on_progress(
+            f"{self._size()} events in {len(self.found.logs)} logs, {self.found.tries} tried"
+        )
         return True
