@@ -85,9 +85,8 @@ def of_runs(
     comparison = None if b is None else compare(a, b, stations)
     runs = [a] if b is None else [a, b]
     ahead = a.ahead() if comparison is None else comparison.ahead
-    page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
-    page.comparison = comparison
-    page.note = note
+    title = title or " | ".join(run.title for run in runs)
+    page = Page(title, runs, [], ahead, comparison=comparison, note=note)
     beside = {} if comparison is None else comparison.beside
     firsts = [0, len(a.logs)]
     feeds = [
