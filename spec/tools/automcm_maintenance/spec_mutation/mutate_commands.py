@@ -51,14 +51,6 @@ def listed(mutants: Sequence[Mutant]) -> str:
     return "\n".join([*lines, f"{len(mutants)} mutants: {counts}"])
 
 
-def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
-    """The rows for --list --json."""
-    return [
-        {"id": m.id, "kind": m.kind, "line": m.line, "before": m.before, "after": m.after}
-        for m in mutants
-    ]
-
-
 def run(
     profile: str, mutants: Sequence[Mutant], jobs: int, notify: Callable[[str], None]
 ) -> MutationReport:

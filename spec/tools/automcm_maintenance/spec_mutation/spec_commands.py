@@ -83,8 +83,7 @@ def spec_mutate(
     with code_3("mutate", *mutate_commands.FAULTS):
         mutants = mutate_commands.select(only, limit)
         if list_:
-            if write_json(json_, mutate_commands.as_rows(mutants)):
-                typer.echo(mutate_commands.listed(mutants))
+            typer.echo(mutate_commands.listed(mutants))
             return
         with progress() as notify:
             report = mutate_commands.run(profile, mutants, jobs, notify)
