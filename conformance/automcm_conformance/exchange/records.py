@@ -27,7 +27,7 @@ from automcm_conformance.exchange.answers import are_marks, differences
 from automcm_conformance.exchange.exchange import LineLink, Mismatch, Step
 from automcm_conformance.exchange.wire import Required
 from automcm_spec.log_format.log import EVENT_KINDS
-from automcm_spec.log_format.problems import first_problem
+from automcm_spec.log_format.problems import problems_of
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
@@ -65,7 +65,7 @@ def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
     try:
         replay = _Replay.model_validate_json(path.read_bytes())
     except ValidationError as error:
-        raise BadInput(path, 0, *first_problem(error), FORMAT) from None
+        raise BadInput(path, 0, *problems_of(error)[0], FORMAT) from None
     about = {"case": replay.case, "rule": replay.rule, "what": replay.what}
     return about, [Step(s.now, s.line, s.expected) for s in replay.steps]
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from jinja2 import Template
 
-from automcm_spec.support import markdown
+from automcm_spec.support import templates
 
 Verdict = Literal["reproduced", "in shape only", "not reproduced", "beyond the paper"]
 
@@ -33,7 +33,7 @@ class Claim:
 @cache
 def _compilers(folder: Path) -> tuple[Callable[[str], Any], Callable[[str], Template]]:
     """What makes an expression and a template; each is compiled once."""
-    jinja = markdown.templates(folder).overlay(trim_blocks=False, lstrip_blocks=False)
+    jinja = templates.environment(folder).overlay(trim_blocks=False, lstrip_blocks=False)
     expression = partial(jinja.compile_expression, undefined_to_none=False)
     return cache(expression), cache(jinja.from_string)
 

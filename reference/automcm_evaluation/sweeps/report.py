@@ -19,7 +19,7 @@ from pydantic import BaseModel, ValidationError
 from automcm_evaluation.framework.experiment import PAGES, Cell, Experiment, ExperimentError, Values
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 from automcm_simulation.road import figures
-from automcm_spec.support import files, markdown
+from automcm_spec.support import files, templates
 
 RESULTS, PAGE = "results.json", "README.md"
 COMPRESSED = ".xz"
@@ -98,7 +98,7 @@ def _json(report: Values) -> str:
 def page(report: Values) -> str:
     """The report in full as Markdown: claims, then the experiment's own page."""
     made = experiment(report["experiment"])
-    return markdown.page(
+    return templates.page(
         PAGES / "experiment.md.j2",
         made=made,
         report=report,
@@ -121,7 +121,7 @@ def evaluation(folder: Path) -> str:
     """
     reports = {name: load(folder / name / RESULTS) for name in NAMES}
     claims = [claim for report in reports.values() for claim in report["claims"]]
-    return markdown.page(
+    return templates.page(
         PAGES / "evaluation.md.j2",
         folder=folder.name,
         reports=reports,

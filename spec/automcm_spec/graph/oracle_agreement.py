@@ -46,8 +46,8 @@ class Agreement:
     found: list[OracleDifference] = field(default_factory=list)
 
 
-def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = False) -> Agreement:
-    """Compare every state and every input (or only the inputs that change something)."""
+def compare(oracle: Oracle, station: OpenStation) -> Agreement:
+    """Compare every state and every input."""
     result = Agreement()
 
     def differ(state: State | None, value: Input | None, expected: Any, actual: Any) -> None:
@@ -67,7 +67,7 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
         wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
         if facts != wanted or _kinds(facts) != _kinds(wanted):
             differ(st, None, wanted, facts)
-        for i in sorted(oracle.moves(n)) if transitions_only else range(len(oracle.inputs)):
+        for i in range(len(oracle.inputs)):
             answer, given = oracle.answer(n, i), oracle.inputs[i]
             offered = _tried(partial(station.offered, st, given))
             if offered is not (answer is not None):

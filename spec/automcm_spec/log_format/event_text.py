@@ -55,11 +55,6 @@ def fitted(text: str, width: int) -> str:
     return set_cell_size(text, width - 2) + ".."
 
 
-def kind(event: Event) -> Kind:
-    """The kind of an event, for example to choose a colour."""
-    return event.ev
-
-
 class Word(NamedTuple):
     """A word of a summary, and what may stand for it, one after the other, where there is little
     room. Words of a lower rank are shortened first."""

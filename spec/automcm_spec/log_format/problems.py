@@ -84,11 +84,6 @@ _EXAMPLES: Final = {
 """What to write where neither the type nor a bound says it."""
 
 
-def first_problem(error: ValidationError) -> tuple[str, str]:
-    """The first of ``problems_of``."""
-    return problems_of(error)[0]
-
-
 def problems_of(error: ValidationError) -> list[tuple[str, str]]:
     """Each wrong field (a path such as ``message.seq``, "" for the whole line) and its problem."""
     return [_problem(one) for one in error.errors(include_url=False)]

@@ -17,7 +17,7 @@ from automcm_spec.log_format.log import (
     record,
     unknown_event,
 )
-from automcm_spec.log_format.problems import first_problem
+from automcm_spec.log_format.problems import problems_of
 from automcm_spec.support.bad_input import BadInput, name_of, one_line
 
 LONGEST_LINE = 16 * 2**20
@@ -276,7 +276,7 @@ def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
 
 
 def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
-    _, problem = first_problem(error)
+    _, problem = problems_of(error)[0]
     known = _known(line, first)
     return NotJsonError(problem + known, "json") if problem.startswith("not JSON") else error
 
@@ -348,7 +348,7 @@ class _Reader:
                 )
                 break
             except ValidationError as error:
-                field, problem = first_problem(error)
+                field, problem = problems_of(error)[0]
                 if not self._header and field == "rec":
                     problem += ": the first line must be a header of automcm.trace/1"
                 raise self._error(field, problem, "schema" if field else "json") from None

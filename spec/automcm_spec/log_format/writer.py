@@ -9,7 +9,7 @@ from typing import Protocol, Self, cast
 from pydantic import ValidationError
 
 from automcm_spec.log_format.log import RECORD, SCHEMA
-from automcm_spec.log_format.problems import first_problem, not_plain
+from automcm_spec.log_format.problems import not_plain, problems_of
 
 _JSON = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"))
 _LAST = ("rule", "phase", "role")
@@ -131,7 +131,7 @@ def _line(fields: Mapping[str, object]) -> bytes:
     try:
         record = RECORD.validate_json(json.dumps(observed))
     except ValidationError as error:
-        raise ValueError(": ".join(first_problem(error))) from None
+        raise ValueError(": ".join(problems_of(error)[0])) from None
     return _ordered(record.model_dump(by_alias=True, exclude_none=True))
 
 

@@ -92,15 +92,7 @@ def _read(model: models.Model, key: str | None, folder: Path) -> models.ModelVer
     if key is None or digest != _hash(key, text):
         return None
     found = json.loads(text)
-    trace = tuple(
-        tlc.TraceState(
-            index,
-            action,
-            None if place is None else tlc.Location(*place),
-            {name: tla_values.parse(value) for name, value in state.items()},
-        )
-        for index, action, place, state in found["trace"]
-    )
+    trace = tuple(tlc.TraceState(*state) for state in found["trace"])
     result = tlc.TlcResult(**(found["result"] | {"trace": trace}))
     verdict = models.judged(model, result, found["reached"])
     return replace(verdict, kept=True) if verdict.ok else None
@@ -108,10 +100,7 @@ def _read(model: models.Model, key: str | None, folder: Path) -> models.ModelVer
 
 def _write(verdict: models.ModelVerdict, key: str, folder: Path) -> None:
     assert verdict.result is not None
-    trace = [
-        (s.index, s.action, s.location, {name: tla_values.show(v) for name, v in s.values.items()})
-        for s in verdict.trace
-    ]
+    trace = [(state.index, state.action, state.text) for state in verdict.trace]
     result = asdict(replace(verdict.result, trace=()))
     text = json.dumps({"reached": verdict.reached, "result": result, "trace": trace})
     folder.mkdir(parents=True, exist_ok=True)

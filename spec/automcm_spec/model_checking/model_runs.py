@@ -30,6 +30,7 @@ _SPEC = re.compile(r"\s*(.*?)/\\\s*\[\]\[\s*(\w+)\s*\]_(\w+|<<.*?>>)\s*", re.DOT
 _BOX = re.compile(r"(?:.*/\\)?(\s*)\[\]\[(.*)\]_(\w+|<<[^>]*>>)\s*", re.DOTALL)
 _FIXED = re.compile(r"^(?:CONSTANTS?|ASSUME)\b.*?(?=^\S|\Z)", re.MULTILINE | re.DOTALL)
 _LINE = re.compile(r"^(SPECIFICATION|VIEW) +(\w+) *$", re.MULTILINE)
+_TAKEN = re.compile(r'^/\\ taken = ".*"$', re.MULTILINE)
 _COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
 
 
@@ -150,8 +151,8 @@ def _shared(run: Sequence[Model], tla_dir: Path, stop: tlc.TlcStop) -> dict[str,
 
 def _alone(state: tlc.TraceState) -> tlc.TraceState:
     """The state as in a run of its model alone."""
-    values = {name: value for name, value in state.values.items() if name != "taken"}
-    return tlc.TraceState(state.index, state.action.removeprefix(_PREFIX), state.location, values)
+    text = _TAKEN.sub("", state.text)
+    return tlc.TraceState(state.index, state.action.removeprefix(_PREFIX), text)
 
 
 def shared_model(run: Sequence[Model], texts: Mapping[str, str]) -> tuple[str, str]:

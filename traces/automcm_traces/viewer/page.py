@@ -49,7 +49,7 @@ def html(page: Page) -> bytes:
     data = as_dict(page)
     style = (VIEWER / "page.css").read_text(encoding="utf-8")
     script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
-    templates = environment(VIEWER, autoescape=True, keep_trailing_newline=True)
+    templates = environment(VIEWER, autoescape=True)
     first, last = _part(page, data)
     page_text = templates.get_template("page.html").render(
         title=safe(page.title),

@@ -9,8 +9,7 @@ from typing import Any, get_args
 
 from automcm_maintenance.code_mutation.certificate import KillCertificate, MutantRow, Verdict
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
-from automcm_spec.support import files
-from automcm_spec.support import markdown as markdown_
+from automcm_spec.support import files, templates
 
 RESULTS = ROOT / "conformance" / "certificate.json"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -89,7 +88,7 @@ def markdown(found: dict[str, Any]) -> str:
         [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)] for row in made
     ]
     heads = ["mutant", "line", "rule", "change", "killed by"]
-    return markdown_.page(
+    return templates.page(
         PAGES / "certificate.md.j2",
         found=found,
         cpp=sum(row.station == "cpp" for row in made),

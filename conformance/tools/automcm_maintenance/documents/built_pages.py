@@ -17,7 +17,7 @@ from automcm_cli.shared.common import CODES
 from automcm_cli.spec.model_output import checks
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.model_checking import models
-from automcm_spec.support import markdown
+from automcm_spec.support import templates
 
 RESULTS = ROOT / "docs" / "evaluation"
 FAULTS = ROOT / "conformance" / "faults.json"
@@ -71,7 +71,7 @@ def _commands() -> dict[str, str]:
         else:
             single.append(text.replace("# ", "## ", 1))
     groups = [page.removeprefix("cli-").removesuffix(".md") for page in pages]
-    main_page = markdown.page(PAGES / "cli.md.j2", codes=CODES, groups=groups, commands=single)
+    main_page = templates.page(PAGES / "cli.md.j2", codes=CODES, groups=groups, commands=single)
     return {"cli.md": main_page} | pages
 
 
@@ -81,7 +81,7 @@ def faults_page(found: dict[str, Any]) -> str:
     wide = [[name, *f["outcomes"]] for name, f in faults if set(f["outcomes"]) != {"Fin"}]
     narrow = [[name, f["codes"], f["log"], f["effect"]] for name, f in faults]
     heads, ends = ["fault", *found["phases"]], ["fault", "exit code", "log", "effect"]
-    return markdown.page(
+    return templates.page(
         PAGES / "faults.md.j2",
         found=found,
         outcomes=markdown_table(heads, _alike(wide), heads),
@@ -110,7 +110,7 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         timers = [f"timer {name}" for name in re.findall(r"\w+", line[1])] if line else []
         return ", ".join(f"`{name}`" for name in (*names, *timers))
 
-    return markdown.page(
+    return templates.page(
         PAGES / "models.md.j2", models=loaded, alone=models.ALONE, checks=checks, changed=changed
     )
 

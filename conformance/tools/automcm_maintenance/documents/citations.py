@@ -10,7 +10,7 @@ from pathlib import Path
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.documents.repository import PAGES, markdown_table
 from automcm_spec.model_checking import models
-from automcm_spec.support import markdown
+from automcm_spec.support import templates
 from automcm_spec.vocabulary.rules import OPERATOR, RULES
 
 _MODEL = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
@@ -118,7 +118,7 @@ def table(root: Path) -> str:
     ]
     heads = ["rule", "summary", *COLUMNS]
     table = markdown_table(heads, rows, heads)
-    return markdown.page(PAGES / "rule-coverage.md.j2", table=table)
+    return templates.page(PAGES / "rule-coverage.md.j2", table=table)
 
 
 def _shown(cell: Cell) -> str:

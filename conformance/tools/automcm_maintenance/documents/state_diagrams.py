@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from automcm_maintenance.documents.repository import PAGES
 from automcm_spec.graph.oracle import Oracle
-from automcm_spec.support import markdown
+from automcm_spec.support import templates
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Command, Entry, Expire, Input, Receive
 
@@ -142,4 +142,4 @@ def text(oracle: Oracle, declared: Collection[Way]) -> str:
     """Both diagrams as a Markdown page.  Raises ValueError: see ``check``."""
     found = edges(oracle)
     drawn = {role: diagram(declared, found, role) for role in ROLES}
-    return markdown.page(PAGES / "state-diagrams.md.j2", diagrams=drawn)
+    return templates.page(PAGES / "state-diagrams.md.j2", diagrams=drawn)

@@ -14,7 +14,7 @@ from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.documents.repository import PAGES, ROOT, digest, markdown_table
 from automcm_maintenance.spec_mutation.mutant_rules import HOW, KINDS, NOT_MUTATED
 from automcm_spec.model_checking.models import PROPERTIES
-from automcm_spec.support import files, markdown
+from automcm_spec.support import files, templates
 
 RESULTS = ROOT / "spec" / "mutation" / "results.json"
 REASONS = RESULTS.with_name("no-property.toml")
@@ -158,7 +158,7 @@ def page(found: MutationResults) -> str:
         if not row.properties:
             alive.setdefault(known.get(row.id, "No reason yet."), []).append(row)
     kinds = [[kind, *n, KINDS.get(kind, "")] for kind, n in by_kind(found.mutants).items()]
-    return markdown.page(
+    return templates.page(
         PAGES / "mutation.md.j2",
         summary=found.summary,
         kinds=markdown_table(["kind", *HEADS, "what"], kinds),

@@ -22,7 +22,7 @@ from typing import Any
 from automcm_maintenance.corpus.corpus_bad import bad_logs, bases_among
 from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
-from automcm_spec.support import markdown
+from automcm_spec.support import templates
 from automcm_traces.explain.explain import verdicts_of
 from automcm_traces.export.itf_log import behaviour
 
@@ -210,7 +210,7 @@ def page(corpus: Path) -> str:
         files = [corpus / e.file for e in by_kind["behaviours"] if e.file.split("/")[1] == model]
         lines = sum(path.read_bytes().count(b"\n") for path in files)
         walked.append(counts[model] | {"model": model, "logs": len(files), "lines": lines})
-    return markdown.page(
+    return templates.page(
         Path(__file__).with_name("corpus.md.j2"),
         logs=len(entries),
         of=by_kind,
