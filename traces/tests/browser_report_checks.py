@@ -10,7 +10,6 @@ from typing import Any
 from browser_stage import Browser
 
 from automcm_conformance.report import report as report_
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import operators
 
 sys.path.append(str(Path(__file__).parents[2] / "conformance" / "tests"))  # for report_stage
@@ -24,7 +23,7 @@ TEXTS = "all => all.map((one) => one.textContent)"
 def _report(folder: Path) -> Path:
     failed = replace(
         failure(),
-        line=operators(TLA)["OnForeignPrescription"][0],
+        line=operators()["OnForeignPrescription"][0],
         allowed=["Cancel to 2 cam_loss; STANDALONE"],
         came=["Cancel to 2 lease_expired; STANDALONE"],
         command="automcm conform replay x.json -- ./station",

@@ -30,7 +30,6 @@ from automcm_conformance.exchange.results import (
 )
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, SpooledInput, errors_of, printable
-from automcm_spec.support.paths import TLA
 from automcm_spec.support.templates import environment
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.checker.finding import Finding, Where, Why
@@ -246,7 +245,7 @@ def _cited(reports: list[Report]) -> dict[str, str]:
 
 def _sources(reports: list[Report]) -> dict[str, list[tuple[int, str]]]:
     """The operators of Station.tla that failures name, as numbered lines."""
-    known = operators(TLA)
+    known = operators()
     names = sorted({failure.operator for failure in _failures_of(reports)} & known.keys())
     return {
         name: list(enumerate(known[name][1].rstrip().split("\n"), known[name][0])) for name in names

@@ -35,7 +35,6 @@ from automcm_conformance.suite.tally import (
     TourInProgress,
 )
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import LIMITS
 from automcm_spec.vocabulary.rules import operators
 from automcm_spec.vocabulary.station import Command, Input, Message, Receive, Restart
@@ -586,7 +585,7 @@ class Runner:
         elif isinstance(error, Mismatch) and error.problems[0].kind == BACK_OFF:
             decided = Deciding("END-7")
         elif isinstance(error, Mismatch) and error.problems[0].kind.startswith("Ack.of"):
-            decided = Deciding("END-6", "Ack", operators(TLA)["Ack"][0])
+            decided = Deciding("END-6", "Ack", operators()["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
         error.deciding, error.more, error.unconfirmed = decided, why, unconfirmed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,6 @@ def build(
     tla: Path = TLA,
     workers: int = 2,
     short: bool = False,
-    on_progress: Callable[[tlc.Progress], None] | None = None,
     stop: tlc.TlcStop | None = None,
 ) -> tuple[dict[str, Json], tlc.TlcResult]:
     """The oracle's data (see ``oracle.dump``) and TLC's result; ``short`` is as for ``tlc.run``.
@@ -176,7 +175,6 @@ def build(
             workers=workers,
             short=short,
             tla_dir=tla,
-            on_progress=on_progress,
             on_print=printed.line,
             stop=stop,
         )

@@ -40,14 +40,10 @@ def unfit(value: object, name: str) -> str:
     return f"must be a JSON value, not a Python {type(value).__name__}"
 
 
-def is_time(name: str) -> bool:
-    """Whether a field of this name holds milliseconds."""
-    return name.endswith("_ms") or name == "deadline" or UNITS.get(name) == "ms"
-
-
 def not_an_integer(value: object, name: str) -> str:
     """The problem of a value that should be an integer, in the field `name`."""
-    unit = " number of milliseconds" if is_time(name) else ""
+    is_time = name.endswith("_ms") or name == "deadline" or UNITS.get(name) == "ms"
+    unit = " number of milliseconds" if is_time else ""
     match value:
         case bool() | int() | float():
             shown = str(value).lower()

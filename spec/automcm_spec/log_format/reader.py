@@ -4,10 +4,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal, Protocol
+from typing import BinaryIO, Literal, TypeAlias
 
 from pydantic import ValidationError
 
+from automcm_spec.log_format.growing_file import LineBuffer
 from automcm_spec.log_format.log import (
     End,
     Event,
@@ -37,16 +38,30 @@ class Notice:
     problem: str
 
 
+LogEntry: TypeAlias = tuple[int, Record | Notice]
+"""A line number (from 1), and the record or the notice there."""
+
+
+class _Described:
+    """The properties of a log that both of its forms have."""
+
+    header: Header
+    end: End | None
+    begins_late: bool
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is an end record; without one, events may be missing at the end."""
+        return self.end is not None
+
+    @property
+    def mid_session(self) -> bool:
+        """Whether the state of the station is unknown when the log begins."""
+        return self.begins_late or self.header.begins is not None
+
+
 @dataclass(frozen=True)
-class LogEntry:
-    """A record or a notice, and its line number (from 1)."""
-
-    line: int
-    record: Record | Notice
-
-
-@dataclass(frozen=True)
-class Log:
+class Log(_Described):
     """A complete log."""
 
     file: str
@@ -61,16 +76,6 @@ class Log:
     begins_late: bool = False
     """Whether the first event was not the first of the station's log."""
 
-    @property
-    def ended(self) -> bool:
-        """Whether there is an end record; without one, events may be missing at the end."""
-        return self.end is not None
-
-    @property
-    def mid_session(self) -> bool:
-        """Whether the state of the station is unknown when the log begins."""
-        return self.begins_late or self.header.begins is not None
-
     def __iter__(self) -> Iterator[tuple[int, Event]]:
         return iter(self.events)
 
@@ -81,20 +86,13 @@ def read(path: str | Path) -> Log:
     return stream.log(list(stream))
 
 
-class LineSource(Protocol):
-    """A source of lines, such as a binary stream."""
-
-    def readline(self, limit: int, /) -> bytes:
-        """The next line, or its first ``limit`` bytes; empty if there is none."""
-
-
 class GrowingLog:
     """The entries of a log while it is written, as ``records`` yields them.
 
     Iteration stops where ``lines`` has no further line, and can go on from there later.
     """
 
-    def __init__(self, path: str | Path, lines: LineSource) -> None:
+    def __init__(self, path: str | Path, lines: LineBuffer) -> None:
         self._lines = lines
         self._reader = _Reader(path, gaps=True)
         self._entries: Iterator[LogEntry] = iter(())
@@ -115,7 +113,7 @@ class GrowingLog:
 
 def header_of(path: str | Path) -> Header:
     """The header of a log. Raises BadInput."""
-    first = next(records(path)).record
+    _, first = next(records(path))
     assert isinstance(first, Header), "records() yields the header first"
     return first
 
@@ -166,7 +164,7 @@ MOST_WARNINGS = 20
 """The maximum number of warnings that a stream keeps; ``LogStream.overlooked`` counts all."""
 
 
-class LogStream:
+class LogStream(_Described):
     """A log that is read lazily, so that its length does not affect memory use.
 
     The constructor reads the header (BadInput if that fails). Iterating, possible once, yields the
@@ -202,25 +200,15 @@ class LogStream:
         """The number of events yielded so far."""
         self._past_gaps = past_gaps
         self._entries = records(path, gaps=True) if entries is None else entries
-        first = next(self._entries).record
+        _, first = next(self._entries)
         assert isinstance(first, Header), "records() yields the header first"
-        self.header: Header = first
-
-    @property
-    def ended(self) -> bool:
-        """Whether the end record was read; without one, events may be missing at the end."""
-        return self.end is not None
-
-    @property
-    def mid_session(self) -> bool:
-        """Whether the state of the station is unknown when the log begins."""
-        return self.begins_late or self.header.begins is not None
+        self.header = first
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
-        for entry in self._entries:
-            match entry.record:
+        for line, found in self._entries:
+            match found:
                 case Notice() as notice:
-                    self._notice(entry.line, notice)
+                    self._notice(line, notice)
                     if self.gap is not None and not self._past_gaps:
                         return
                 case End() as end:
@@ -229,16 +217,20 @@ class LogStream:
                     pass
                 case event:
                     self.events += 1
-                    yield entry.line, event
+                    yield line, event
         self.complete = self.gap is None and not self.mid_session
 
     def log(self, events: Iterable[tuple[int, Event]]) -> Log:
         """A Log with these events, which are all or some of the events yielded."""
-        kept = list(events)
-        warnings = list(self.warnings)
-        end = self.end if self.gap is None or self._past_gaps else None
-        late = self.begins_late
-        return Log(self.file, self.header, kept, end, self.truncated, warnings, late)
+        return Log(
+            self.file,
+            self.header,
+            list(events),
+            self.end if self.gap is None or self._past_gaps else None,
+            self.truncated,
+            list(self.warnings),
+            self.begins_late,
+        )
 
     def _notice(self, line: int, notice: Notice) -> None:
         self.truncated = self.truncated or notice.kind == "truncated"
@@ -324,15 +316,15 @@ class _Reader:
         self._seq = 0
         self._t_ms = 0
 
-    def entries(self, stream: LineSource) -> Iterator[LogEntry]:
+    def entries(self, stream: BinaryIO | LineBuffer) -> Iterator[LogEntry]:
         """The entries of all lines, and of the end of the log."""
         yield from self.lines(stream)
         if self._line == 0:
             raise BadInput(self._path, 0, "", "empty file", "order")
         if not self._end:
-            yield LogEntry(self._line, Notice("no_end", "the log has no end record"))
+            yield self._line, Notice("no_end", "the log has no end record")
 
-    def lines(self, stream: LineSource) -> Iterator[LogEntry]:
+    def lines(self, stream: BinaryIO | LineBuffer) -> Iterator[LogEntry]:
         """The entries of the next lines, up to the last that is there."""
         while line := stream.readline(LONGEST_LINE + 1):
             self._line += 1
@@ -342,10 +334,8 @@ class _Reader:
                 record = parse(line, first=self._line == 1)
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
-                    raise self._error("", error.problem, error.rule) from None
-                yield LogEntry(
-                    self._line, Notice("truncated", "the last line is incomplete, ignored")
-                )
+                    raise self._error("", str(error), error.rule) from None
+                yield self._line, Notice("truncated", "the last line is incomplete, ignored")
                 break
             except ValidationError as error:
                 field, problem = problems_of(error)[0]
@@ -355,12 +345,11 @@ class _Reader:
             first = self._seq == 0 and not isinstance(record, End | Header)
             if missing := self._check(record):
                 kind: Literal["begins_late", "gap"] = "begins_late" if first else "gap"
-                yield LogEntry(self._line, Notice(kind, f"seq: {missing}"))
+                yield self._line, Notice(kind, f"seq: {missing}")
             if isinstance(record, UnknownEvent):
-                notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
-                yield LogEntry(self._line, notice)
+                yield self._line, Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
             else:
-                yield LogEntry(self._line, record)
+                yield self._line, record
 
     def _check(self, record: Record | UnknownEvent) -> str:
         """Reject a record that does not fit the previous ones; returns a description of missing
@@ -406,5 +395,4 @@ class NotJsonError(Exception):
 
     def __init__(self, problem: str, rule: str) -> None:
         super().__init__(problem)
-        self.problem = problem
         self.rule = rule

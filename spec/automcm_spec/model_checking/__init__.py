@@ -1,5 +1,5 @@
 """TLC: downloads it, runs the models of spec/models, and interprets the results.
 
-Used by the commands ``spec`` and ``verify``, and by the second engine of the log tools. Needs the
-extra ``tlc``; code that runs without Java does not import it.
+Used by the commands ``spec`` and ``verify``. Needs the extra ``tlc``; code that runs without Java
+does not import it.
 """

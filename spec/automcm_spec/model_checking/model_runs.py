@@ -13,6 +13,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
 from automcm_spec.model_checking import models, tlc
@@ -61,34 +62,28 @@ def runs(chosen: Sequence[Model], tla_dir: Path = TLA) -> list[list[Model]]:
 def check_all(
     chosen: Sequence[Model],
     *,
-    jobs: int = 3,
-    on_done: Callable[[ModelVerdict], None] | None = None,
+    on_done: Callable[[ModelVerdict], None],
     tla_dir: Path = TLA,
     stop: tlc.TlcStop | None = None,
-) -> list[ModelVerdict]:
-    """Check the models, several at a time, the longest first; returns the verdicts in the given
-    order.  Three runs keep two cores busy.
+) -> None:
+    """Check the models, several at a time, the longest first.
 
     on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
     remaining runs are killed.
     """
     order = sorted(runs(chosen, tla_dir), key=lambda run: -sum(model.seconds for model in run))
-    verdicts: dict[str, ModelVerdict] = {}
     stop = stop or tlc.TlcStop()
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
+    with ThreadPoolExecutor(max_workers=3) as pool:  # keeps two cores busy
         futures = [pool.submit(_check, run, tla_dir, stop) for run in order]
         try:
             for future in as_completed(futures):
                 for verdict in future.result():
-                    verdicts[verdict.model.cfg] = verdict
-                    if on_done:
-                        on_done(verdict)
+                    on_done(verdict)
         except BaseException:
             for future in futures:
                 future.cancel()
             stop.now()
             raise
-    return [verdicts[model.cfg] for model in chosen]
 
 
 def _check(run: Sequence[Model], tla_dir: Path, stop: tlc.TlcStop) -> list[ModelVerdict]:
@@ -129,20 +124,10 @@ def _shared(run: Sequence[Model], tla_dir: Path, stop: tlc.TlcStop) -> dict[str,
             )
     except (tlc.TlcError, _Unsupported, OSError):
         return {}
-    seconds = found.seconds / len(run)
+    found = replace(found, outcome="violates", seconds=found.seconds / len(run))
     return {
         model.cfg: models.judged(
-            model,
-            tlc.TlcResult(
-                "violates",
-                model.breaks,
-                found.distinct_states,
-                found.states,
-                found.depth,
-                seconds,
-                broken[model.cfg],
-            ),
-            (),
+            model, replace(found, property=model.breaks, trace=broken[model.cfg]), ()
         )
         for model in run
         if model.cfg in broken

@@ -8,7 +8,6 @@ import shutil
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 from automcm_spec.model_checking import models, tlc
@@ -102,7 +101,7 @@ class Walks:
         }
 
 
-def known(simulation: Path = SIMULATION) -> dict[str, WalkModel]:
+def known() -> dict[str, WalkModel]:
     """The models for random walks by name: the listed models and those of spec/simulation.
 
     Raises models.ModelError.
@@ -110,7 +109,7 @@ def known(simulation: Path = SIMULATION) -> dict[str, WalkModel]:
     listed = [WalkModel(m.cfg, m.config, m.module, m.property) for m in models.load()]
     larger = [
         WalkModel(path.stem, path.read_text(encoding="utf-8"), "System")
-        for path in sorted(simulation.glob("*.cfg"))
+        for path in sorted(SIMULATION.glob("*.cfg"))
     ]
     return {model.name: model for model in [*listed, *larger]}
 
@@ -124,7 +123,6 @@ def run(
     number: int | None = None,
     lively: bool = False,
     on_progress: Callable[[int], None] | None = None,
-    tla: Path = TLA,
 ) -> Walks:
     """Random behaviours of a model, of at most ``depth`` steps, until one violates a property.
 
@@ -136,13 +134,13 @@ def run(
     """
     if seconds is None and number is None:
         raise ValueError("seconds or number is required")
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in tla.glob("*.tla")}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in TLA.glob("*.tla")}
     if "System" not in models.extended(model.module, texts):
         raise WalkError(f"{model.name}: the module {model.module} must extend System")
     count = _Count(on_progress)
     result = None
     with scratch.folder("walks") as place:
-        for path in tla.glob("*.tla"):
+        for path in TLA.glob("*.tla"):
             shutil.copy(path, place)
         guard = r"~Early(s, i) /\ " if lively else ""
         text = MODULE.format(module=model.module, depth=depth, guard=guard)

@@ -12,13 +12,10 @@ record; the parser converts them. Python treats TRUE and 1 as equal; TLA+ cannot
 
 import re
 from collections.abc import Iterator
-from typing import Any, NoReturn, TypeAlias, TypeVar
-
-K = TypeVar("K")
-V = TypeVar("V")
+from typing import Any, NoReturn, TypeAlias
 
 
-class _Frozen(dict[K, V]):
+class _Frozen(dict[Any, Any]):
     """An immutable, hashable dict."""
 
     __slots__ = ("_hash",)
@@ -44,13 +41,13 @@ class _Frozen(dict[K, V]):
     clear = pop = popitem = setdefault = update = _refuse
 
 
-class Record(_Frozen[str, "Value"]):
+class Record(_Frozen):
     """A TLA+ record: a mapping from field names to values."""
 
     __slots__ = ()
 
 
-class Function(_Frozen["Value", "Value"]):
+class Function(_Frozen):
     """A TLA+ function that is neither a tuple nor a record."""
 
     __slots__ = ()

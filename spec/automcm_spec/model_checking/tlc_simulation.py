@@ -9,7 +9,6 @@ from typing import Any
 
 from automcm_spec.model_checking import tla_values, tlc
 from automcm_spec.support import scratch
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.station import (
     Cam,
     Command,
@@ -74,9 +73,7 @@ def timer_of(value: Any) -> Timer:
     return (name, *(Entry(**of) if isinstance(of, Mapping) else of for of in about))
 
 
-def behaviours(
-    number: int, depth: int, seed: int, *, lively: bool = False, tla: Path = TLA
-) -> list[Behaviour]:
+def behaviours(number: int, depth: int, seed: int, *, lively: bool = False) -> list[Behaviour]:
     """``number`` behaviours of ``depth`` steps.
 
     Equal seeds give equal behaviours. ``lively`` excludes inputs that end sessions early
@@ -87,7 +84,7 @@ def behaviours(
         cfg.write_text(CONFIG.format(spec="LivelySpec" if lively else "AnySpec"))
         prefix = folder / "trace"
         extra = ["-simulate", f"file={prefix},num={number}", "-depth", str(depth)]
-        tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)], short=True)
+        tlc.run("Simulation", cfg, extra=[*extra, "-seed", str(seed)], short=True)
         files = sorted(folder.glob("trace_*"), key=_place)
         return [_behaviour(path.read_text()) for path in files]
 

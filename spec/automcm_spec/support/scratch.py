@@ -1,4 +1,4 @@
-"""Temporary folders and inter-process locks, in the user's own directory.
+"""Temporary folders in the user's own directory, and locks between processes.
 
 The directory is ``automcm`` in $XDG_CACHE_HOME, or in ~/.cache. Without a writable home directory,
 a temporary folder of this process is used, and there is no locking between processes.
@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -41,18 +41,6 @@ def user_folder() -> Path | None:
 
 
 @contextmanager
-def locked(name: str) -> Iterator[None]:
-    """A lock by name between the processes of the user. Its lock file stays."""
-    folder = user_folder()
-    if folder is None:
-        yield
-        return
-    with (folder / f"{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-@contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
     """A lock on a folder between processes, also of other users. Raises OSError."""
     lock = os.open(folder, os.O_RDONLY)
@@ -75,29 +63,22 @@ def folder(name: str) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=f"automcm-{name}-") as private:
             yield Path(private)
         return
-    _sweep(base)
-    with locked("scratch"):  # another process must not remove it before it is locked
-        made = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=_scratch(base)))
-        lock = os.open(made, os.O_RDONLY)
-        fcntl.flock(lock, fcntl.LOCK_EX)
-    try:
-        yield made
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
-        os.close(lock)
-
-
-def _scratch(base: Path) -> Path:
     scratch = base / "scratch"
     scratch.mkdir(mode=0o700, exist_ok=True)
-    return scratch
+    _sweep(scratch)
+    with ExitStack() as stack:
+        with locked_folder(scratch):  # another process must not remove it before it is locked
+            made = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=scratch))
+            stack.enter_context(locked_folder(made))
+        stack.callback(shutil.rmtree, made, ignore_errors=True)
+        yield made
 
 
 @cache
-def _sweep(base: Path) -> None:
+def _sweep(scratch: Path) -> None:
     """Remove the folders whose processes have ended, so that nobody holds their locks."""
-    with locked("scratch"):
-        for path in _scratch(base).iterdir():
+    with locked_folder(scratch):
+        for path in scratch.iterdir():
             with suppress(OSError):
                 lock = os.open(path, os.O_RDONLY)
                 try:

@@ -15,7 +15,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary import rules, station
 from automcm_spec.vocabulary.conditions import Condition
 from automcm_spec.vocabulary.tla_names import snake
@@ -162,7 +161,7 @@ def by_operator(coverage: ConditionCoverage) -> dict[str, list[SpecLine]]:
             _line(coverage, number, text, conditions.get(number, []), deciding.get(number, []))
             for number, text in enumerate(body.split("\n"), first)
         ]
-        for name, (first, body) in rules.operators(TLA).items()
+        for name, (first, body) in rules.operators().items()
     }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from pathlib import Path
 
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Receive
@@ -71,10 +70,10 @@ _EXPIRED = {
 
 
 @cache
-def _lines(tla: Path) -> list[tuple[int, str, str]]:
+def _lines() -> list[tuple[int, str, str]]:
     """Line number, operator and text of every line of Station.tla."""
     operator, lines = "", []
-    for number, text in enumerate((tla / "Station.tla").read_text().splitlines(), 1):
+    for number, text in enumerate((TLA / "Station.tla").read_text().splitlines(), 1):
         if match := OPERATOR.match(text):
             operator = match[1]
         lines.append((number, operator, text))
@@ -107,23 +106,23 @@ def kind(i: Input) -> str:
     return i.kind
 
 
-def line(rule: str, i: Input, tla: Path = TLA) -> int:
+def line(rule: str, i: Input) -> int:
     """The line of Station.tla where ``rule`` decides input ``i``; 0 if there is none."""
-    where, wanted = _deciding(rule, tla), handler(i)
+    where, wanted = _deciding(rule), handler(i)
     return next((n for n, operator in where if operator == wanted), where[0][0] if where else 0)
 
 
 @cache
-def _deciding(rule: str, tla: Path) -> list[tuple[int, str]]:
+def _deciding(rule: str) -> list[tuple[int, str]]:
     """The lines of Station.tla that name a rule, with their operators."""
-    return [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]
+    return [(n, operator) for n, operator, text in _lines() if f'"{rule}"' in text]
 
 
 @cache
-def operators(tla: Path) -> dict[str, tuple[int, str]]:
+def operators() -> dict[str, tuple[int, str]]:
     """Each operator of Station.tla: its first line, and its text."""
     found: dict[str, tuple[int, list[str]]] = {}
-    for number, operator, text in _lines(tla):
+    for number, operator, text in _lines():
         found.setdefault(operator, (number, []))[1].append(text)
     return {operator: (first, "\n".join(texts)) for operator, (first, texts) in found.items()}
 

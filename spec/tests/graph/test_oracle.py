@@ -106,10 +106,10 @@ def test_a_graph_of_other_values_than_the_compiled_station_has_is_named() -> Non
 
 
 def test_every_input_goes_to_an_operator_that_is_there(one_peer: oracle.Oracle) -> None:
-    assert {handler(i) for i in one_peer.inputs} <= operators(TLA).keys()
+    assert {handler(i) for i in one_peer.inputs} <= operators().keys()
 
 
 def test_blanks_before_the_sign_of_a_definition_hide_no_operator() -> None:
-    known = operators(TLA)
+    known = operators()
     assert "OlderOrSame" not in known["SameProposal"][1]
     assert known["AckMatches"][1].count("/\\") == 4

@@ -62,7 +62,9 @@ def test_a_station_that_is_a_model_value_is_found_by_its_name() -> None:
         last: Any = state.values["last"]
         stations = dict(zip("ab", state.values["st"], strict=True))
         changed = {"st": stations, "last": {**last, "station": "ab"[(last["station"] or 1) - 1]}}
-        return replace(state, values=state.values | changed)
+        other = replace(state)
+        object.__setattr__(other, "values", state.values | changed)
+        return other
 
     trace = checked("bare_ack").trace
     assert [step.station for step in steps(list(map(named, trace)))] == [

@@ -68,7 +68,7 @@ def test_without_a_home_it_is_a_private_temporary_folder(
     else:
         monkeypatch.setenv("HOME", set_to)
     assert scratch.user_folder() is None
-    with scratch.folder("tlc") as folder, scratch.locked("tlc"):
+    with scratch.folder("tlc") as folder:
         assert folder.parent == home and stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert list(home.iterdir()) == [] and not Path("/nowhere").exists()
 
@@ -98,18 +98,19 @@ def test_what_a_killed_process_left_is_removed_and_what_is_in_use_is_not(home: P
             found = sorted(path.name.split("-")[0] for path in there.iterdir())
             assert found == ["live", "tlc"]
             scratch._sweep.cache_clear()
-            scratch._sweep(there.parent)  # what this process uses stays as well
+            scratch._sweep(there)  # what this process uses stays as well
             assert mine.is_dir()
         live.communicate("\n")
     assert list(there.iterdir()) == []
 
 
 def test_alone_is_one_process_at_a_time_also_after_one_was_killed(home: Path) -> None:
-    with holding("locked('x')") as first:
+    lock = f"locked_folder({str(home)!r})"
+    with holding(lock) as first:
         assert inside(first)
-        with holding("locked('x')") as second:
+        with holding(lock) as second:
             assert not select.select([second.stdout], [], [], 0.3)[0]
             first.kill()
             assert inside(second)
             second.communicate("\n")
-    assert [path.name for path in (home / ".cache/automcm").iterdir()] == ["x.lock"]
+    assert list(home.iterdir()) == []

@@ -22,7 +22,7 @@ REQUEST = Command("command", "request", (0, 0), 0, 0)
 
 def place(operator: str, text: str) -> int:
     """The line of Station.tla where an operator has this text first."""
-    first, body = operators(TLA)[operator]
+    first, body = operators()[operator]
     return first + body[: body.index(text)].count("\n")
 
 

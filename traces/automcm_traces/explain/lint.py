@@ -257,11 +257,11 @@ class _Lint:
             parse(line, first=self._line == 1)
         except NotJsonError as error:
             if self._line == 1:
-                raise BadInput(self._file, 1, "", error.problem, error.rule) from None
+                raise BadInput(self._file, 1, "", str(error), error.rule) from None
             if cut(line) and not self._ended:
                 yield self._found("cut", "", "the last line is incomplete")
             else:
-                yield self._found(error.rule, "", error.problem)
+                yield self._found(error.rule, "", str(error))
             return
         except ValidationError:
             refused = True

@@ -119,18 +119,18 @@ class Logs:
     def _rows(self, station: int) -> Iterator[TableRow]:
         phases = Phases()
         try:
-            for entry in records(self._paths[station], gaps=True):
-                match entry.record:
+            for line, record in records(self._paths[station], gaps=True):
+                match record:
                     case Notice(problem=problem):
-                        yield TableRow(station, entry.line, None, f"-- {problem}")
+                        yield TableRow(station, line, None, f"-- {problem}")
                     case Header():
                         pass
                     case End(reason=reason, lost_records=lost):
                         more = f", {lost} records lost" if lost else ""
-                        yield TableRow(station, entry.line, None, f"-- end: {reason}{more}")
+                        yield TableRow(station, line, None, f"-- end: {reason}{more}")
                     case event:
                         phase = phases.change(station, event)
-                        yield TableRow(station, entry.line, event, phase=phase)
+                        yield TableRow(station, line, event, phase=phase)
         except BadInput as error:
             problem = f"{error.field}: {error.problem}" if error.field else error.problem
             self.good = False

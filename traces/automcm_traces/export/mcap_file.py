@@ -82,7 +82,7 @@ def written(paths: Sequence[Path]) -> bytes:
             schema_id=schema,
             metadata={"file": Path(name_of(path)).name},
         )
-        times = {e.line: getattr(e.record, "t_ms", 0) for e in records(path)}
+        times = {n: getattr(record, "t_ms", 0) for n, record in records(path)}
         t_ms = 0
         with open(path, "rb") as lines:
             for number, line in enumerate(lines, 1):

@@ -16,7 +16,6 @@ from typing import Any
 from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.log_format.log import Event, Header, Receive, TimerArm
 from automcm_spec.log_format.reader import Log
-from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
 from automcm_traces.system.copy_folding import Key, OfCams, Phases, folded, key_of
@@ -369,7 +368,7 @@ def _sparse(states: list[Json]) -> list[Json]:
 
 def _used(histories: Sequence[StateHistory]) -> dict[str, Json]:
     """The operators of Station.tla that decided a step: the first line, and the text."""
-    known = operators(TLA)
+    known = operators()
     wanted: set[str] = set()
     for f in histories:
         for name, line in set(f.places):
