@@ -1,7 +1,5 @@
-"""The JSON Schema of one line of a log, for log writers in other languages.
-
-``python -m automcm_spec.log_format.log_schema`` prints the contents of ``trace-1.schema.json``.
-"""
+"""The JSON Schema of one line of a log, for log writers in other languages:
+``trace-1.schema.json``."""
 
 from typing import Any
 
@@ -20,7 +18,3 @@ def schema() -> dict[str, Any]:
         if name != "Value":
             definition["patternProperties"] = {"^x_": {"$ref": "#/$defs/Value"}}
     return json_schema.document("trace:1", f"One line of a log, {SCHEMA}", generated)
-
-
-if __name__ == "__main__":
-    print(json_schema.text(schema()), end="")

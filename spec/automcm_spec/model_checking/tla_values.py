@@ -69,7 +69,7 @@ def parse(text: str) -> Value:
     """The value that the text denotes. Raises ValueError."""
     reader = _Reader(text)
     value = reader.value()
-    reader.end()
+    reader.expect(_END)
     return value
 
 
@@ -80,13 +80,13 @@ def parse_state(text: str) -> dict[str, Value]:
     """
     reader = _Reader(text)
     state: dict[str, Value] = {}
+    reader.skip("/\\")
     while True:
-        reader.skip("/\\")
         name = reader.name()
         reader.expect("=")
         state[name] = reader.value()
-        if reader.token != "/\\":
-            reader.end()
+        if not reader.skip("/\\"):
+            reader.expect(_END)
             return state
 
 
@@ -94,69 +94,54 @@ class _Reader:
     """A recursive-descent parser; token is the next token, "" at the end."""
 
     def __init__(self, text: str) -> None:
-        self._tokens: list[str] = _TOKEN.findall(text)
-        self._tokens.append(_END)
-        self._position = 0
-        self.token = self._tokens[0]
+        self._tokens = iter([*_TOKEN.findall(text), _END])
+        self.token: str = next(self._tokens)
 
-    def _advance(self) -> None:
-        self._position += 1
-        self.token = self._tokens[self._position]
+    def _take(self) -> str:
+        token, self.token = self.token, next(self._tokens, _END)
+        return token
 
-    def fail(self, expected: str) -> NoReturn:
-        before = " ".join(self._tokens[: self._position])
-        raise ValueError(f"expected {expected}, found {self.token or 'the end'!r} after {before}")
+    def _fail(self, expected: str, found: str) -> NoReturn:
+        raise ValueError(f"expected {expected or 'the end'}, found {found or 'the end'}")
 
     def skip(self, token: str) -> bool:
-        if self.token == token:
-            self._advance()
-            return True
-        return False
+        if self.token != token:
+            return False
+        self._take()
+        return True
 
     def expect(self, token: str) -> None:
-        if self.token != token:
-            self.fail(repr(token))
-        self._advance()
-
-    def end(self) -> None:
-        if self.token != _END:
-            self.fail("the end")
+        if not self.skip(token):
+            self._fail(token, self.token)
 
     def name(self, expected: str = "a name") -> str:
-        name = self.token
+        name = self._take()
         if not _NAME.match(name):
-            self.fail(expected)
-        self._advance()
+            self._fail(expected, name)
         return name
 
     def value(self) -> Value:
         token = self.token
-        if token == '"' or token == _END:
-            self.fail("a value")
-        if token[0] == '"':
-            self._advance()
-            return _unquoted(token)
-        if token == "<<":
-            self._advance()
-            return tuple(self._values(">>"))
-        if token == "{":
-            self._advance()
-            return frozenset(self._values("}"))
-        if token == "[":
-            self._advance()
-            return self._record()
-        if token == "(":
-            self._advance()
-            return self._function()
-        if token == "TRUE" or token == "FALSE":
-            self._advance()
-            return token == "TRUE"
-        if token[-1].isdecimal() and token.lstrip("-").isdecimal():
-            self._advance()
+        if token.startswith('"') and len(token) > 1:
+            return _unquoted(self._take())
+        if token[-1:].isdecimal() and token.lstrip("-").isdecimal():
+            self._take()
             return self._interval(int(token)) if self.token == ".." else int(token)
+        match token:
+            case "<<":
+                return tuple(self._values(">>"))
+            case "{":
+                return frozenset(self._values("}"))
+            case "[":
+                return self._record()
+            case "(":
+                return self._function()
+            case "TRUE" | "FALSE":
+                return self._take() == "TRUE"
         return self.name("a value")  # a model value
 
     def _values(self, close: str) -> Iterator[Value]:
+        self._take()
         if self.skip(close):
             return
         yield self.value()
@@ -168,26 +153,28 @@ class _Reader:
         self.expect("..")
         last = self.value()
         if not isinstance(last, int):
-            self.fail("an integer")
+            self._fail("an integer", repr(last))
         return frozenset(range(first, last + 1))
 
     def _record(self) -> Value:
         fields: dict[str, Value] = {}
         while True:
+            self._take()
             name = self.name()
             self.expect("|->")
             fields[name] = self.value()
-            if not self.skip(","):
+            if self.token != ",":
                 self.expect("]")
                 return Record(fields)
 
     def _function(self) -> Value:
         pairs: dict[Value, Value] = {}
         while True:
+            self._take()
             key = self.value()
             self.expect(":>")
             pairs.setdefault(key, self.value())  # in f @@ g, f wins
-            if not self.skip("@@"):
+            if self.token != "@@":
                 self.expect(")")
                 return function(pairs)
 

@@ -1,7 +1,5 @@
-"""JSON Schemas generated from the models: of messages, and the common parts of log and adapter
-schemas.
-
-``python -m automcm_spec.vocabulary.json_schema`` prints the contents of ``messages.schema.json``.
+"""JSON Schemas generated from the models: of messages (``messages.schema.json``), and the common
+parts of log and adapter schemas.
 """
 
 from __future__ import annotations
@@ -106,7 +104,3 @@ def messages() -> dict[str, Any]:
         if name in _forms():
             definition["oneOf"] = _forms()[name]
     return document("message:1", "A message of AutoMCM, version 1, or a CAM", generated)
-
-
-if __name__ == "__main__":
-    print(text(messages()), end="")
