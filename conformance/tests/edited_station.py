@@ -32,7 +32,7 @@ def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
             for v in verdicts
         ],
         "played": [outcome.verdict, finding(outcome.finding)],
-        "met": sorted({*covered.rules, *covered.phases}),
+        "met": sorted({*covered.counts["rules"], *covered.counts["phases"]}),
     }
 
 
