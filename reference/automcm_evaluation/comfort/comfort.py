@@ -149,6 +149,7 @@ def fig6(setting: ComfortSetting) -> Values:
         "x_m": {str(n): np.round(found[n].x[steps], 2).tolist() for n in found},
         "speed": {str(n): np.round(found[n].speed[steps], 3).tolist() for n in found},
         "begin_s": round(float(prescriber.t[begin]), 1),
+        "end_s": round(float(prescriber.t[end]), 1),
         "begin_m": round(float(prescriber.x[begin]), 2),
         "end_m": round(float(prescriber.x[end]), 2),
         "slower_s": {str(n): behind[n] for n in behind},

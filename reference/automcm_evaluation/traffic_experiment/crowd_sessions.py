@@ -116,6 +116,7 @@ def answers(values: Values, seed: int) -> Values:
         "agreed_ms": after(own.agreed_ms),
         "free_ms": after(free_ms),
         "messages": _messages(crowd) - before,
+        "busy": round(crowd.links.radio.channel_busy_ratio(asker), 3),
     }
 
 
@@ -129,7 +130,7 @@ def all_ask(values: Values, seed: int) -> Values:
     """All stations ask, each from a moment on that is drawn within ``spread_ms``.
 
     ``agreed`` of them have had an agreement as prescriber at the end, ``first`` of them in their
-    first session; ``median_ms`` is their time from the wish on.
+    first session; ``median_ms`` and ``last_ms`` are their times from the wish on.
     """
     crowd = Crowd(values["stations"], seed % 2**31)
     random = Random(seed)
@@ -150,7 +151,9 @@ def all_ask(values: Values, seed: int) -> Values:
         "first": agreed_first,
         "agreed": len(times),
         "median_ms": round(quantile(times, 0.5)) if times else None,
+        "last_ms": times[-1] if times else None,
         "ended": dict(sorted(crowd.ended.items())),
+        "busy": round(crowd.links.radio.channel_busy_ratio(1), 3),
         "hazards": hazards["lengths"],
         "bound_ms": hazards["bound_ms"],
         "wrong": hazards["wrong"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import closing
 from typing import Annotated
 
@@ -97,9 +98,12 @@ def _result(traffic: Traffic) -> Values:
         "vehicle_s": round(travel["s"], 1),
         "s_per_km": round(1000 * travel["s"] / max(travel["m"], 1.0), 2),
         "lost": round(travel["lost_s"] / max(travel["s"], 1.0), 4),
+        "equipped_s_per_km": _per_km(found["travel"]["equipped"]),
+        "others_s_per_km": _per_km(found["travel"]["others"]),
         "hard_brakings": sum(found["hard_brakings"].values()),
         "hard_brakings_equipped": found["hard_brakings"].get("equipped", 0),
         "critical_s": round(sum(found["critical_s"].values()), 1),
+        "critical_equipped_s": found["critical_s"].get("equipped", 0.0),
         "least_ttc_s": found["least_ttc_s"],
         "jerk_equipped": jerk["equipped"]["p99"],
         "jerk_others": jerk["others"]["p99"],
@@ -121,9 +125,14 @@ def _result(traffic: Traffic) -> Values:
         "bytes": radio["sent_bytes"],
         "received": radio["received"],
         "busy": radio["busy"]["p50"],
+        "busy_p95": radio["busy"]["p95"],
         "cam_age_ms": radio["cam_age_ms"],
         "hazards": hazards["lengths"],
         "bound_ms": hazards["bound_ms"],
         "wrong": hazards["wrong"],
         "outcome": found["outcome"],
     }
+
+
+def _per_km(travel: Mapping[str, float]) -> float | None:
+    return round(1000 * travel["s"] / travel["m"], 2) if travel["m"] else None
