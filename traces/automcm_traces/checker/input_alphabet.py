@@ -105,10 +105,10 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
     return [*found.expiries(st), *found.proper, *found.broken]
 
 
-Effect = tuple[str, ...]
+LoggedEffect = tuple[str, ...]
 """("send", type, the type that an Ack names), ("indication", name), ("arm" or "stop", timer)."""
-LOGGED_AS = {"send": "send", "indication": "indication", "arm": "timer", "stop": "timer"}
-"""The kind of events that a log promises, for each kind of effect."""
+LOGGED_AS = {"arm": "timer", "stop": "timer", "expire": "timer", "cam": "receive"}
+"""The kinds of effect and input that have another name in the promises of a log."""
 
 
 def _type(i: Input) -> str:
@@ -116,7 +116,7 @@ def _type(i: Input) -> str:
 
 
 def unseen(
-    t: Track, event: Event, effect: Effect | None, promised: frozenset[str]
+    t: Track, event: Event, effect: LoggedEffect | None, promised: frozenset[str]
 ) -> Iterator[tuple[Input, bool, bool]]:
     """The inputs that may have come unobserved before an event, which may be this effect: each with
     whether it has the effect, and whether the log promises any of its effects.
@@ -147,12 +147,12 @@ def _moved(first: Mapping[int, int], by: int) -> Rename:
 
 @lru_cache(maxsize=8_000)
 def _unseen(
-    effect: Effect | None, promised: frozenset[str], *about: Any
+    effect: LoggedEffect | None, promised: frozenset[str], *about: Any
 ) -> list[tuple[Input, bool, bool]]:
     found = []
     for i, changes, effects in _answers(*about):
         shows = effect in effects
-        logged = any(LOGGED_AS[kind] in promised for kind, *_ in effects)
+        logged = any(LOGGED_AS.get(kind, kind) in promised for kind, *_ in effects)
         if shows or (changes and not logged):
             found.append((i, shows, logged))
     return found
@@ -166,7 +166,7 @@ def _answers(
     sessions: frozenset[Session],
     proposals: frozenset[int],
     st: State,
-) -> list[tuple[Input, bool, frozenset[Effect]]]:
+) -> list[tuple[Input, bool, frozenset[LoggedEffect]]]:
     """One input for each distinct outcome, whether it changes the state or a timer, and its
     effects."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
@@ -175,7 +175,7 @@ def _answers(
         if alphabet.offered(st, i):
             key = i if i.kind == "expire" else i.kind, _type(i), alphabet.decide(me, st, i)
             first.setdefault(key, i)  # an equal effect has an equal outcome
-    found: dict[tuple[object, ...], tuple[Input, bool, frozenset[Effect]]] = {}
+    found: dict[tuple[object, ...], tuple[Input, bool, frozenset[LoggedEffect]]] = {}
     for (kind, type_, _), i in first.items():
         outcome = alphabet.step(me, st, i)
         changes = bool(outcome.st != st or outcome.arm)
@@ -185,8 +185,8 @@ def _answers(
     return list(found.values())
 
 
-def _effects(outcome: Outcome) -> frozenset[Effect]:
-    found: set[Effect] = {("send", m.type, m.of[0]) for m in outcome.out}
+def _effects(outcome: Outcome) -> frozenset[LoggedEffect]:
+    found: set[LoggedEffect] = {("send", m.type, m.of[0]) for m in outcome.out}
     found |= {("arm", timer[0]) for timer in outcome.arm}
     found |= {("stop", timer[0]) for timer in outcome.stop}
     if outcome.told != NO_INDICATION:
@@ -194,7 +194,7 @@ def _effects(outcome: Outcome) -> frozenset[Effect]:
     return frozenset(found)
 
 
-def effect_of(event: Event) -> Effect | None:
+def effect_of(event: Event) -> LoggedEffect | None:
     """The effect that an event shows; None for an input, and for *discarded*, which any input may
     have."""
     match event:

@@ -22,7 +22,7 @@ from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
-from automcm_traces.checker.input_alphabet import effect_of, unseen
+from automcm_traces.checker.input_alphabet import LOGGED_AS, effect_of, unseen
 from automcm_traces.checker.track import CannotTell, SpecInput, Track, named, short
 
 CHAIN = 8
@@ -31,8 +31,6 @@ MOST = 300
 """The maximum number of states tracked at once; above it, finding no state proves nothing."""
 Refused = list[tuple[tuple[float, int], Diverges]]
 """The divergences of the tracked states from an event, each with its rank."""
-_LOGGED_AS = {"cam": "receive", "expire": "timer"}
-"""The kinds of input that have another name in a log."""
 
 
 class _Supposing(Engine):
@@ -225,7 +223,7 @@ class _Search:
 
     def _may_be(self, i: Input, engine: Engine, shows: bool) -> bool:
         """Whether an input may have happened unobserved; ``shows``: the event may be its effect."""
-        if _LOGGED_AS.get(i.kind, i.kind) in self.promised:
+        if LOGGED_AS.get(i.kind, i.kind) in self.promised:
             return False
         if i.kind == "cam":  # without logged timers, the timer cam is taken to last for ever
             return shows or "timer" in self.promised
