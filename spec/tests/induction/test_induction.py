@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -133,6 +134,23 @@ def test_steps_keep_the_invariant(spec: ParsedModules) -> None:
     results = list(Prover(spec).results("request"))
     assert {r.verdict for r in results} == {"proved"}
     assert {r.goal for r in results} == {*Prover(spec).conjuncts, *OF_STEPS}
+
+
+def test_no_garbage_is_collected_while_z3_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another thread may start a collection, and z3 crashes if it frees what belongs to z3."""
+    check, collecting = z3.Solver.check, list[bool]()
+
+    def checked(solver: z3.Solver, *assumptions: Any) -> Any:
+        collecting.append(gc.isenabled())
+        return check(solver, *assumptions)
+
+    monkeypatch.setattr(z3.Solver, "check", checked)
+    gc.enable()
+    try:
+        prove_commands.run([], "request", lambda text: None)
+        assert collecting and not any(collecting) and gc.isenabled()
+    finally:
+        gc.disable()
 
 
 @pytest.mark.deep  # the full profile of verify proves it, too
