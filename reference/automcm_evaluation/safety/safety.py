@@ -202,8 +202,9 @@ def outcome(watched: Watched, b: int) -> Values:
 
 def together(outcomes: Sequence[Values], seeds: Sequence[int], b: int) -> Values:
     """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
-    hazards = [each.pop("hazards") for each in outcomes]
-    return met(seeds, hazards, b) | {n: sum(each[n] for each in outcomes) for n in outcomes[0]}
+    counted = [name for name in outcomes[0] if name != "hazards"]
+    counts = {name: sum(each[name] for each in outcomes) for name in counted}
+    return met(seeds, [each["hazards"] for each in outcomes], b) | counts
 
 
 EXPERIMENT = Experiment(
