@@ -432,7 +432,8 @@ _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebui
 
 
 _GIVEN: Final = set[str]()
-"""In place of the given fields of each event, which nobody asks for: a third of a log in memory."""
+"""Shared by all events. Pydantic's own set of given fields is never read, and takes a third of the
+memory of a log."""
 
 
 def record(line: bytes) -> Record:

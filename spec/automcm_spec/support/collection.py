@@ -18,5 +18,5 @@ def uncollected() -> Iterator[None]:
     finally:
         if was:
             gc.freeze()
-            gc.unfreeze()  # what was made meanwhile counts as old, and is not visited at once
+            gc.unfreeze()  # moves new objects to the oldest generation, which is visited rarely
             gc.enable()
