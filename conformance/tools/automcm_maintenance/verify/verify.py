@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from automcm_cli.shared.common import unknown
@@ -465,7 +466,10 @@ def _drift(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None])
 
 
 def _pool(processes: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(processes, initializer=children.end_with_parent)
+    """Spawned, because a fork would keep the locks and pipes that another thread has just opened:
+    every later run of TLC would wait for it."""
+    start = children.end_with_parent
+    return ProcessPoolExecutor(processes, get_context("spawn"), initializer=start)
 
 
 def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
