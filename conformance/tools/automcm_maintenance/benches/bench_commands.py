@@ -8,16 +8,15 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
+from xml.etree import ElementTree
 
 import typer
-from pydantic import TypeAdapter
+from pydantic.dataclasses import dataclass
 
 from automcm_cli.shared.common import Json, code_3, console_of, example, say, table_of, write_json
-from automcm_maintenance.benches.plugin import BenchRow, BenchRun
 from automcm_spec.support import children, scratch
 
 app = typer.Typer()
-_RUN = TypeAdapter(BenchRun)
 FOLDER = Path(__file__).parent
 OPTIONS = [
     *("-qs", "-c", os.devnull, "-o", "python_functions=bench_*"),
@@ -36,6 +35,35 @@ SUBJECTS = {
 }
 
 
+@dataclass(frozen=True)
+class BenchRow:
+    """One figure.  ``beside``: its baseline; ``at_most``: the bar, above which the ratio falls
+    short."""
+
+    name: str
+    value: float
+    unit: str
+    beside: str | None = None
+    at_most: float | None = None
+
+
+@dataclass(frozen=True)
+class BenchRun:
+    """All figures of a run, and why a bench was left out, by name."""
+
+    rows: list[BenchRow]
+    skipped: dict[str, str]
+
+    def ratio(self, row: BenchRow) -> float | None:
+        """The ratio to the baseline, if there is another row of that name and it was measured."""
+        values = {each.name: each.value for each in self.rows if each is not row}
+        _, bracket, parameters = row.name.partition("[")
+        for baseline in (f"{row.beside}{bracket}{parameters}", row.beside):
+            if baseline in values:
+                return row.value / values[baseline]
+        return None
+
+
 class BenchFailure(Exception):
     """A bench that does not run; the text is the last error that pytest shows."""
 
@@ -43,9 +71,9 @@ class BenchFailure(Exception):
 def measured(subject: str, seconds: float) -> BenchRun:
     """Run the benches of a subject, each for about this long.  Raises BenchFailure."""
     with scratch.folder("bench") as folder:
-        figures = folder / "figures.json"
+        report = folder / "report.xml"
         words = [sys.executable, "-m", "pytest", str(FOLDER / f"{subject}_bench.py"), *OPTIONS]
-        words += [f"--figures={figures}", f"--benchmark-max-time={seconds}"]
+        words += [f"--junitxml={report}", f"--benchmark-max-time={seconds}"]
         words = children.ending_with_parent(words)
         env = {name: value for name, value in os.environ.items() if name != "PYTEST_XDIST_WORKER"}
         done = subprocess.run(words, capture_output=True, text=True, env=env)
@@ -53,7 +81,15 @@ def measured(subject: str, seconds: float) -> BenchRun:
             lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
             lines = [line for line in lines if line.startswith("E  ")] or lines
             raise BenchFailure(f"{subject}: {lines[-1].removeprefix('E').strip()}")
-        return _RUN.validate_json(figures.read_bytes())
+        run = BenchRun([], {})
+        for case in ElementTree.parse(report).iter("testcase"):
+            name = case.attrib["name"].removeprefix("bench_")
+            if (skipped := case.find("skipped")) is not None:
+                run.skipped[name] = skipped.attrib["message"]
+                continue
+            found: dict[str, Any] = {each.attrib["name"]: each.attrib["value"] for each in case[0]}
+            run.rows.append(BenchRow(name, **found))
+        return run
 
 
 def _command(subject: str, about: str) -> None:

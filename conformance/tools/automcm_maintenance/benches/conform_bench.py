@@ -14,7 +14,7 @@ from automcm_conformance.adapter.process import Process
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Owners
 from automcm_conformance.suite.tally import PairPart
-from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.benches.plugin import Timed
 from automcm_maintenance.code_mutation.cpp_station import build, missing
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
@@ -84,7 +84,6 @@ def bench_unchecked(station: list[str], bulks: Bulks, timed: Timed) -> None:
     timed(lambda: send(station, bulks), per=sum(map(len, bulks)), rounds=1)
 
 
-@beside("unchecked", 3)
 def bench_checked(station: list[str], bulks: Bulks, timed: Timed) -> None:
     """With every answer checked."""
-    timed(lambda: checked(station), per=sum(map(len, bulks)), rounds=1)
+    timed(lambda: checked(station), per=sum(map(len, bulks)), rounds=1, beside=("unchecked", 3))

@@ -6,8 +6,10 @@ Baselines are a loop over the points, and the cheapest formulation of KIN-3 in n
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -26,9 +28,10 @@ from automcm.kernels.road_line import RoadLine
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory
 from automcm.kernels.verify import Limits, verify
-from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.benches.plugin import Baseline, Timed
 
-POINTS = (50, 500, 1000, 10_000)
+FEW = (50, 500)
+POINTS = (*FEW, 1000, 10_000)
 PAIRS = 256
 """Pairs of the batched kernels."""
 PLACES = 100
@@ -38,8 +41,6 @@ CAR, LORRY = Extent(4.5, 1.8), Extent(16.5, 2.55)
 SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
 HERE, HOLD, GAIN = (1.0, 1.0), 1.0, 5.0
-points = pytest.mark.parametrize("n", POINTS)
-few_points = pytest.mark.parametrize("n", (50, 500))
 
 
 def road(n: int, ahead: float = 0.0, aside: float = 0.0, speed: float = SPEED) -> Trajectory:
@@ -73,108 +74,30 @@ def traffic(n: int) -> tuple[Floats, Floats, Floats]:
     return one.t, one.xy + apart[0], other.xy + apart[1]
 
 
-# -- kernels of one vehicle
+def project(n: int) -> Callable[[], object]:
+    """Places on a road's line."""
+    line = RoadLine(road(n).xy)
+    return partial(line.project, line.place(np.linspace(0, line.length, PLACES), 2.0))
 
 
-@points
-def bench_loop(n: int, timed: Timed) -> None:
-    """The lengths of all steps, one after the other."""
-    xy = road(n).xy.tolist()
-    timed(lambda: [math.dist(a, b) for a, b in pairwise(xy)])
-
-
-@points
-@beside("loop", 40)
-def bench_convert(n: int, timed: Timed) -> None:
-    """KIN-1."""
-    timed(partial(convert, road(n).xy, np.full(n, SPEED), HERE, 0.0))
-
-
-@points
-@beside("loop", 400)
-def bench_thin(n: int, timed: Timed) -> None:
-    """KIN-2, with encoding."""
-    timed(partial(thin, noisy(n)))
-
-
-@points
-@beside("loop", 60)
-def bench_discover(n: int, timed: Timed) -> None:
-    """KIN-4."""
-    timed(partial(discover, cars(n), ZONE))
-
-
-@points
-@beside("loop", 120)
-def bench_prescribe(n: int, timed: Timed) -> None:
-    """KIN-5."""
-    timed(partial(prescribe, road(n), 1.0, hold=HOLD, gain=GAIN))
-
-
-@points
-@beside("prescribe", 4)
-def bench_verify(n: int, timed: Timed) -> None:
+def checks(n: int) -> Callable[[], object]:
     """KIN-6, of what was prescribed."""
     plan = road(n)
     prescribed = prescribe(plan, 1.0, hold=HOLD, gain=GAIN)
-    timed(partial(verify, prescribed, plan, 1.5, Limits(), None, None))
+    return partial(verify, prescribed, plan, 1.5, Limits(), None, None)
 
 
-@points
-@beside("loop", 1)
-def bench_project(n: int, timed: Timed) -> None:
-    """Places on a road's line; µs a place."""
-    line = RoadLine(road(n).xy)
-    timed(partial(line.project, line.place(np.linspace(0, line.length, PLACES), 2.0)), per=PLACES)
-
-
-# -- kernels of two vehicles
-
-
-@points
-def bench_cheapest(n: int, timed: Timed) -> None:
-    """In numpy, without checks."""
-    timed(partial(cheapest, *two(n)))
-
-
-@points
-@beside("cheapest", 4)
-def bench_closest_approach(n: int, timed: Timed) -> None:
-    """KIN-3."""
-    timed(partial(closest_approach, *two(n)))
-
-
-@points
-@beside("cheapest", 4)
-def bench_collision(n: int, timed: Timed) -> None:
-    """KIN-3."""
-    timed(partial(collision, *two(n), THRESHOLD))
-
-
-@points
-@beside("cheapest", 10)
-def bench_clearance(n: int, timed: Timed) -> None:
-    """Of discs along two vehicles."""
-    timed(partial(clearance, *two(n), LORRY, CAR, 0.5))
-
-
-@few_points
-@beside("cheapest", 0.5)
-def bench_pairs(n: int, timed: Timed) -> None:
-    """KIN-3 for many pairs at equal times; µs a pair, as below."""
-    timed(partial(closest_approach_pairs, *traffic(n)), per=PAIRS)
-
-
-@few_points
-@beside("cheapest", 2)
-def bench_many(n: int, timed: Timed) -> None:
+def many(n: int) -> Callable[[], object]:
     """KIN-3 of one vehicle and many others."""
     t, a, b = traffic(n)
     others = [Trajectory(t + 0.01 * k, xy) for k, xy in enumerate(b)]
-    timed(partial(closest_approach_many, Trajectory(t, a[0]), others), per=PAIRS)
+    return partial(closest_approach_many, Trajectory(t, a[0]), others)
 
 
-# -- the baseline of KIN-3
+def loop(n: int) -> Callable[[], object]:
+    """The lengths of all steps, one after the other."""
+    xy = road(n).xy.tolist()
+    return lambda: [math.dist(a, b) for a, b in pairwise(xy)]
 
 
 def cheapest(a: Trajectory, b: Trajectory) -> float:
@@ -188,3 +111,47 @@ def cheapest(a: Trajectory, b: Trajectory) -> float:
     x0, y0, wx, wy = x[:-1], y[:-1], np.diff(x), np.diff(y)
     share = np.clip(-(x0 * wx + y0 * wy) / (wx * wx + wy * wy + 1e-300), 0, 1)
     return math.sqrt(((x0 + share * wx) ** 2 + (y0 + share * wy) ** 2).min())
+
+
+class Kernel(NamedTuple):
+    """What is timed for so many points, in µs over ``per``; its baseline with the bar."""
+
+    call: Callable[[int], Callable[[], object]]
+    beside: Baseline | None = None
+    per: int = 1
+    points: tuple[int, ...] = POINTS
+
+
+KERNELS = {
+    "loop": Kernel(loop),
+    "convert": Kernel(
+        lambda n: partial(convert, road(n).xy, np.full(n, SPEED), HERE, 0.0), ("loop", 40)
+    ),
+    "thin": Kernel(lambda n: partial(thin, noisy(n)), ("loop", 400)),  # with encoding
+    "discover": Kernel(lambda n: partial(discover, cars(n), ZONE), ("loop", 60)),
+    "prescribe": Kernel(
+        lambda n: partial(prescribe, road(n), 1.0, hold=HOLD, gain=GAIN), ("loop", 120)
+    ),
+    "verify": Kernel(checks, ("prescribe", 4)),
+    "project": Kernel(project, ("loop", 1), PLACES),
+    "cheapest": Kernel(lambda n: partial(cheapest, *two(n))),
+    "closest_approach": Kernel(lambda n: partial(closest_approach, *two(n)), ("cheapest", 4)),
+    "collision": Kernel(lambda n: partial(collision, *two(n), THRESHOLD), ("cheapest", 4)),
+    "clearance": Kernel(lambda n: partial(clearance, *two(n), LORRY, CAR, 0.5), ("cheapest", 10)),
+    "pairs": Kernel(
+        lambda n: partial(closest_approach_pairs, *traffic(n)), ("cheapest", 0.5), PAIRS, FEW
+    ),
+    "many": Kernel(many, ("cheapest", 2), PAIRS, FEW),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "n"), [(name, n) for name, kernel in KERNELS.items() for n in kernel.points]
+)
+def bench_kernel(name: str, n: int, timed: Timed) -> None:
+    """A kernel of one vehicle beside a loop, of two beside the cheapest form of KIN-3."""
+    kernel, beside = KERNELS[name], None
+    if kernel.beside:
+        baseline, at_most = kernel.beside
+        beside = f"kernel[{baseline}-{n}]", at_most
+    timed(kernel.call(n), per=kernel.per, beside=beside)

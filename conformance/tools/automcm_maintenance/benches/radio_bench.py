@@ -8,7 +8,7 @@ from itertools import count
 import pytest
 
 from automcm_evaluation.radio.radio_traffic import STEP_MS, FourLanes, positions
-from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.benches.plugin import Timed
 from automcm_simulation.radio.table_radio import TableRadio
 
 SIZE_BYTES = 159
@@ -24,7 +24,6 @@ def bench_coins(vehicles: int, timed: Timed) -> None:
 
 
 @vehicles
-@beside("coins", 35)
 def bench_table(vehicles: int, timed: Timed) -> None:
     """The radio on a road of 1 km."""
     radio, now = TableRadio(1), count(0, STEP_MS)
@@ -37,4 +36,4 @@ def bench_table(vehicles: int, timed: Timed) -> None:
             radio.transmit(sender, SIZE_BYTES, now_ms, sender)
         radio.advance(now_ms + STEP_MS)
 
-    timed(step)
+    timed(step, beside=("coins", 35))

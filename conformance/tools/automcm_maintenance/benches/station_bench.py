@@ -13,7 +13,7 @@ from automcm.core.station import Station
 from automcm.encoding.codec import NAMES, CodecError, codec
 from automcm.links.simulated_radio import Channel
 from automcm_evaluation.bandwidth import message_sizes as sizes
-from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.benches.plugin import Timed
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Command
@@ -69,7 +69,6 @@ def bench_statemachine(timed: Timed) -> None:
     timed(transitions, per=2)
 
 
-@beside("decode_inputs", 2)
 def bench_core(inputs: Inputs, timed: Timed) -> None:
     """All inputs of a session, commands and due timers among them."""
 
@@ -83,22 +82,20 @@ def bench_core(inputs: Inputs, timed: Timed) -> None:
                 else:
                     station.receive(i, now)
 
-    timed(replay, per=len(messages(inputs)))
+    timed(replay, per=len(messages(inputs)), beside=("decode_inputs", 2))
 
 
 @pytest.mark.parametrize("name", NAMES)
-@beside("encode[json]", 40)
 def bench_encode(name: str, timed: Timed) -> None:
     """PRESCRIPTION."""
-    timed(partial(_codec(name).encode, PRESCRIPTION))
+    timed(partial(_codec(name).encode, PRESCRIPTION), beside=("encode[json]", 40))
 
 
 @pytest.mark.parametrize("name", NAMES)
-@beside("decode[json]", 40)
 def bench_decode(name: str, timed: Timed) -> None:
     """The same."""
     data = _codec(name).encode(PRESCRIPTION)
-    timed(lambda: _codec(name).decode(data))
+    timed(lambda: _codec(name).decode(data), beside=("decode[json]", 40))
 
 
 def _codec(name: str) -> Any:
@@ -109,7 +106,6 @@ def _codec(name: str) -> Any:
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2, 0.6])
-@beside("session[0.0]", 2)
 def bench_session(loss: float, timed: Timed) -> None:
     """From the request until no message is left, over a simulated radio."""
 
@@ -126,4 +122,4 @@ def bench_session(loss: float, timed: Timed) -> None:
             simulation.run(until)
         return until
 
-    timed(lambda: [session(seed) for seed in range(10)], per=10)
+    timed(lambda: [session(seed) for seed in range(10)], per=10, beside=("session[0.0]", 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from automcm_maintenance.benches.plugin import Timed, beside
+from automcm_maintenance.benches.plugin import Timed
 from automcm_maintenance.documents.repository import ROOT
 from automcm_spec.log_format.reader import LogStream
 from automcm_traces.explain.explain import verdict_of
@@ -21,17 +21,15 @@ def bench_json_loads(timed: Timed) -> None:
     timed(lambda: [json.loads(line) for line in lines], per=EVENTS)
 
 
-@beside("json_loads", 5)
 def bench_read(timed: Timed) -> None:
     """With a check of the format."""
-    timed(lambda: [list(LogStream(path)) for path in LOGS], per=EVENTS)
+    timed(lambda: [list(LogStream(path)) for path in LOGS], per=EVENTS, beside=("json_loads", 5))
 
 
-@beside("read", 6)
 def bench_explain(timed: Timed) -> None:
     """Reading and judging."""
 
     def judge() -> None:
         assert all(verdict_of(path).verdict == "allowed" for path in LOGS)
 
-    timed(judge, per=EVENTS)
+    timed(judge, per=EVENTS, beside=("read", 6))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_maintenance.benches.plugin import Figure, beside
+from automcm_maintenance.benches.plugin import Figure
 from automcm_simulation.traffic.mover import STEP_MS, TrafficError
 from automcm_simulation.traffic.sumo_mover import SumoMover, sumo_home
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
@@ -43,7 +43,6 @@ def bench_sumo_alone(tmp_path: Path, figure: Figure) -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
-@beside("sumo_alone", 200)
 def bench_traffic(share: float, figure: Figure) -> None:
     """With measures, and with so many stations, from the first step on."""
     begun: list[float] = []
@@ -52,4 +51,5 @@ def bench_traffic(share: float, figure: Figure) -> None:
         begun.append(time.process_time())
 
     replace(RUN, setting=replace(RUN.setting, penetration=share)).drive(progress=progress)
-    figure(1000 * (time.process_time() - begun[0]) / RUN.setting.duration_s, "ms")
+    took = time.process_time() - begun[0]
+    figure(1000 * took / RUN.setting.duration_s, "ms", beside=("sumo_alone", 200))

@@ -11,7 +11,7 @@ import pytest
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import CloseWindow, all_answered
 from automcm_evaluation.loss.loss_sessions import session
-from automcm_maintenance.benches.plugin import Figure, beside
+from automcm_maintenance.benches.plugin import Figure
 
 SESSIONS, T_TIMEOUT = 200, 2000
 """At each loss; the default, in ms."""
@@ -32,10 +32,9 @@ def bench_fixed_ms(loss: int, figure: Figure) -> None:
 
 
 @losses
-@beside("fixed_ms", 0.25)
 def bench_early_ms(loss: int, figure: Figure) -> None:
     """The mean time."""
-    figure(mean(loss, all_answered, "after_ms"), "ms")
+    figure(mean(loss, all_answered, "after_ms"), "ms", beside=("fixed_ms", 0.25))
 
 
 @losses
@@ -45,7 +44,6 @@ def bench_fixed_messages(loss: int, figure: Figure) -> None:
 
 
 @losses
-@beside("fixed_messages", 0.5)
 def bench_early_messages(loss: int, figure: Figure) -> None:
     """For each agreement."""
-    figure(mean(loss, all_answered, "sent"), "messages")
+    figure(mean(loss, all_answered, "sent"), "messages", beside=("fixed_messages", 0.5))
