@@ -50,7 +50,6 @@ from automcm_traces.checker.track import (
     expired,
     limits_of,
     marked_and_newer,
-    match,
     mismatch,
     named,
     received,
@@ -450,7 +449,7 @@ class Engine:
         step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
-        value = match(self.track, step, timer, pool)
+        value = next((one for one in pool if named(self.track, step.sent, one) == timer), None)
         if step.input[0] == "restart" and not armed and timer in self.timers:
             del self.timers[timer]
             return

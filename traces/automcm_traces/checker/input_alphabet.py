@@ -158,6 +158,9 @@ def _unseen(
     return found
 
 
+_ALPHABETS = lru_cache(maxsize=500)(Alphabet)
+
+
 @lru_cache(maxsize=2_000)
 def _answers(
     limits: Limits,
@@ -169,7 +172,7 @@ def _answers(
 ) -> list[tuple[Input, bool, frozenset[LoggedEffect]]]:
     """One input for each distinct outcome, whether it changes the state or a timer, and its
     effects."""
-    alphabet = _alphabet(limits, me, peers, sessions, proposals)
+    alphabet = _ALPHABETS(limits, me, peers, sessions, proposals)
     first: dict[tuple[object, ...], Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
         if alphabet.offered(st, i):
@@ -207,17 +210,6 @@ def effect_of(event: Event) -> LoggedEffect | None:
         case TimerArm(timer=timer) | TimerEnd(op="stop", timer=timer):
             return event.op, timer.name
     return None
-
-
-@lru_cache(maxsize=500)
-def _alphabet(
-    limits: Limits,
-    me: int,
-    peers: frozenset[int],
-    sessions: frozenset[Session],
-    proposals: frozenset[int],
-) -> Alphabet:
-    return Alphabet(limits, me, peers, sessions, proposals)
 
 
 def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:

@@ -242,7 +242,7 @@ def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -
         return _copy_difference(e.copy_of.message, m)
     if e.reason not in ("none", reason):
         return f"reason: expected {e.reason}, got {reason}"
-    if e.of is not None and isinstance(m, Ack) and e.of not in _acked(m):
+    if e.of and isinstance(m, Ack) and (m.of.type != e.of[0] or e.of[1] not in (None, m.of.seq)):
         return f"of: expected {e.of[0]} seq={e.of[1]}, got {m.of.model_dump()}"
     if e.k == 0 and m.seq != 0:
         return f"seq: an answer must have seq 0, not {m.seq} (END-6)"
@@ -262,11 +262,6 @@ def mismatch(e: Expected, m: Fields) -> int:
     right |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
     found = {"dst": 0, "proposal": 0, "accepted": False, **m}
     return 1 + len([name for name, value in right.items() if found.get(name) != value])
-
-
-def _acked(m: Ack) -> tuple[tuple[str, int | None], ...]:
-    """The values that an Ack may be expected to name; the seq is None for an unobserved message."""
-    return (m.of.type, m.of.seq), (m.of.type, None)
 
 
 def _opens(e: Expected, m: Message, t: Track) -> bool:
@@ -467,15 +462,17 @@ def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
 
 
 def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Timer) -> Timer:
-    """A timer of the specification as a log names it; ``sent`` are the messages of the step."""
+    """A timer of the specification as a log names it; ``sent`` are the messages of the step. No log
+    names it before its message was sent."""
     name: Any = timer[0]
     match timer:
         case (_, spec.Entry(type=type_, to=to) as entry):
             messages = [e.message for e in track.outbox if e.spec == entry]
-            messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
+            messages += [m for e, m in sent if (e.type, e.dst, e.session, e.k) == entry[:4]]
             if type_ == "Advertisement" and track.advertisement is not None:
                 messages.append(track.advertisement)
-            return _message_timer(name, type_, to or None, messages[0].session, messages[0].seq)
+            session, seq = (messages[0].session, messages[0].seq) if messages else (UNBOUND, -1)
+            return _message_timer(name, type_, to or None, session, seq)
         case (_, int(station)):
             return ForgetTimer.model_construct(name=name, station=station)
     return _plain_timer(name)
@@ -490,38 +487,6 @@ def _message_timer(name: Any, type_: str, to: int | None, session: Any, seq: int
 @cache
 def _plain_timer(name: Any) -> PlainTimer:
     return PlainTimer.model_construct(name=name)
-
-
-def match(
-    track: Track, step: InputStep, timer: Timer, pool: Sequence[spec.Timer]
-) -> spec.Timer | None:
-    """The timer in ``pool`` that a logged timer names; None if there is none."""
-    for one in pool:
-        if one[0] != timer.name:
-            continue
-        match one:
-            case (_, int(station)):
-                if not isinstance(timer, ForgetTimer) or station != timer.station:
-                    continue
-            case (_, spec.Entry() as entry):
-                key = timer.message if isinstance(timer, MessageTimer) else None
-                if key is None or not _names(track, step, key, entry):
-                    continue
-        return one
-    return None
-
-
-def _names(track: Track, step: InputStep, key: MessageKey, entry: spec.Entry) -> bool:
-    """Whether the key of a logged timer names this outbox entry."""
-    if (key.type, key.to or 0) != (entry.type, entry.to):
-        return False
-    sent = [m for e, m in step.sent if (e.type, e.dst) == (entry.type, entry.to)]
-    if entry.type == "Advertisement" and track.advertisement is not None:
-        sent.append(track.advertisement)
-    if any((m.seq, m.session) == (key.seq, key.session) for m in sent):
-        return True
-    found = track.entry_of(key, entry.to, key.session)
-    return found is not None and (found.session, found.k) == (entry.session, entry.seq)
 
 
 def short(timer: spec.Timer) -> str:

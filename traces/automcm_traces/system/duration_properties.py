@@ -27,7 +27,7 @@ def durations(world: World) -> Iterator[Checked]:
     for station, line in world.timelines.items():
         p = {"max_rounds": DEFAULTS["max_rounds"]} | world.log(station).header.known
         longest: dict[Session, int] = {}
-        for (session, _), lease in world.leases(station).items():
+        for (session, _), lease in world.leases[station].items():
             longest[session] = max(lease, longest.get(session, 0))
         for period in line.sessions():
             end = line.last[2] if period.end is None else period.end.t_ms

@@ -18,7 +18,7 @@ from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.parameters import DEFAULTS
 from automcm_traces.system.log_clocks import Span
-from automcm_traces.system.timeline import Period, Session, Timeline
+from automcm_traces.system.timeline import Moment, Period, Session, Timeline
 from automcm_traces.system.world import World
 
 EXCUSES = {
@@ -112,17 +112,6 @@ class CannotJudge(Exception):
     """The logs neither show nor exclude a hazard; the text says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Departure:
-    """The end of the target's commitment."""
-
-    at: int
-    line: int
-    t_ms: int
-    cause: str
-    text: str
-
-
 def hazard(world: World, acts: Period) -> Hazard | None:
     """The hazard during one period in which the prescriber acts; None if there is none.
 
@@ -141,7 +130,7 @@ def hazard(world: World, acts: Period) -> Hazard | None:
     if early is not None and early.low > 0:
         return _early(world, acts, held, early)
     departure = _departure(world, acts, held, line)
-    return None if departure is None else _after(world, acts, target, departure)
+    return None if departure is None else _after(world, acts, target, *departure)
 
 
 def _never(world: World, acts: Period, line: Timeline) -> Hazard:
@@ -149,21 +138,15 @@ def _never(world: World, acts: Period, line: Timeline) -> Hazard:
     if line.ending != "clean" or known is None or known.low > 0:
         raise CannotJudge(f"the log of station {line.station} ends too early: {line.why}")
     own = world.timelines[acts.station]
-    begin = _start(acts)
     text = f"station {line.station} never committed to proposal {acts.start.proposal}"
-    return _made(world, acts, line.station, begin, own, text)
-
-
-def _start(acts: Period) -> _Departure:
-    """A hazard that begins where the prescriber begins to act."""
-    return _Departure(acts.start.at, acts.start.line, acts.start.t_ms, "", "")
+    return _made(world, acts, line.station, acts.start, own, text)
 
 
 def _early(world: World, acts: Period, held: Period, length: Span) -> Hazard:
     own, line = world.timelines[acts.station], world.timelines[held.station]
     text = f"station {acts.station} acts before station {held.station} accepts"
     found = replace(
-        _made(world, acts, held.station, _start(acts), own, text, length=length),
+        _made(world, acts, held.station, acts.start, own, text, length=length),
         until=line.where(held.start),
         until_ms=held.start.t_ms,
         open=False,
@@ -173,14 +156,16 @@ def _early(world: World, acts: Period, held: Period, length: Span) -> Hazard:
     return found if found.begun_by else replace(found, bound=None, outcome="exceeds", why="")
 
 
-def _departure(world: World, acts: Period, held: Period, line: Timeline) -> _Departure | None:
-    """The end of the commitment; None if the prescriber does not act beyond it."""
+def _departure(
+    world: World, acts: Period, held: Period, line: Timeline
+) -> tuple[Moment, str] | None:
+    """The end of the commitment, and its text; None if the prescriber does not act beyond it."""
     target = held.station
     if held.end is not None:
         end = held.end
         text = f"station {target} {EXCUSES.get(end.cause, f'leaves by {end.cause}')}"
         text += (f" by {end.rule}" if end.rule else "") + world.told(target, end)
-        return _Departure(end.at, end.line, end.t_ms, end.cause, text)
+        return end, text
     finish = acts.end.t_ms if acts.end is not None else world.timelines[acts.station].last[2]
     known = world.elapsed(acts.station, finish, target, line.last[2])
     if known is not None and known.low >= 0:
@@ -188,13 +173,13 @@ def _departure(world: World, acts: Period, held: Period, line: Timeline) -> _Dep
     own = world.timelines[acts.station]
     if line.ending == "stopped" and not (acts.end is None and own.ending == "stopped"):
         text = f"station {target} dies: {line.why}"
-        return _Departure(line.last[0], line.last[1], line.last[2], "stopped", text)
+        return Moment(*line.last, cause="stopped"), text
     if line.ending == "clean" and acts.end is None:
         return None  # both logs reach the end of the run
     raise CannotJudge(f"station {target} is still committed at the end: {line.why}")
 
 
-def _after(world: World, acts: Period, target: int, departure: _Departure) -> Hazard | None:
+def _after(world: World, acts: Period, target: int, departure: Moment, text: str) -> Hazard | None:
     """The hazard of a prescriber whose target has left; None if there is none."""
     own, line = world.timelines[acts.station], world.timelines[target]
     ended = acts.end
@@ -207,7 +192,7 @@ def _after(world: World, acts: Period, target: int, departure: _Departure) -> Ha
     excused = departure.cause in EXCUSES or bool(_begun_by(world, acts, target, departure))
     if length is not None and length.high <= 0:
         if ended is None:
-            why = f"station {acts.station} acts at the end of its log, and later {departure.text}"
+            why = f"station {acts.station} acts at the end of its log, and later {text}"
             raise CannotJudge(f"{why} ({line.file}:{departure.line})")
         return None
     if length is None or (length.low <= 0 and not certain):
@@ -215,12 +200,11 @@ def _after(world: World, acts: Period, target: int, departure: _Departure) -> Ha
             return None
         if not excused and (length is None or length.best <= 0 or not certain):
             where = f"{line.file}:{departure.line}"
-            raise CannotJudge(f"it is unknown which station left first: {departure.text} ({where})")
+            raise CannotJudge(f"it is unknown which station left first: {text} ({where})")
     late = world.elapsed(target, departure.t_ms, acts.station, acts.start.t_ms)
     if late is not None and late.low > 0:  # the target left before the prescriber acted
-        text = f"{departure.text} ({line.file}:{departure.line}) before station {acts.station} acts"
-        return _made(world, acts, target, _start(acts), own, text, departure)
-    text = departure.text
+        text = f"{text} ({line.file}:{departure.line}) before station {acts.station} acts"
+        return _made(world, acts, target, acts.start, own, text, departure)
     if stopped and length is not None:
         length = Span(max(0, length.low), length.high, max(0, length.best), length.assumed)
     return _made(world, acts, target, departure, line, text, departure, length)
@@ -230,10 +214,10 @@ def _made(
     world: World,
     acts: Period,
     target: int,
-    begin: _Departure,
+    begin: Moment,
     where: Timeline,
     fault: str,
-    departure: _Departure | None = None,
+    departure: Moment | None = None,
     length: Span | None = None,
 ) -> Hazard:
     assert acts.session is not None
@@ -274,25 +258,20 @@ def _made(
     )
 
 
-def _begun_by(world: World, acts: Period, target: int, departure: _Departure | None) -> str:
+def _begun_by(world: World, acts: Period, target: int, departure: Moment | None) -> str:
     """The forged message that began a hazard; empty if there is none.
 
     Because of it the prescriber acts, or the target leaves, or the target has another lease.
     """
-    found = _forged(world, acts.station, acts.start.at)
+    found = world.forged(acts.station, acts.start.at)
     if departure is not None and not found:
-        found = _forged(world, target, departure.at)
+        found = world.forged(target, departure.at)
     if departure is not None and not found and departure.cause == "expire lease":
-        found = _forged(world, target, _prescribed(world, acts, target))
+        about = target, acts.session, acts.start.proposal
+        received = world.messages("Prescription", Receive)
+        first = next((at for s, at, _, *named in received if (s, *named) == about), -1)
+        found = world.forged(target, first)
     return found
-
-
-def _prescribed(world: World, acts: Period, target: int) -> int:
-    """The event in which the target first received the proposal that the prescriber acts on; -1 if
-    none."""
-    wanted = acts.session, acts.start.proposal
-    found = world.messages(target, "Prescription", Receive)
-    return next((at for at, _, *about in found if tuple(about) == wanted), -1)
 
 
 def _prolonged_by(world: World, acts: Period, target: int, until_ms: int) -> str:
@@ -305,19 +284,13 @@ def _prolonged_by(world: World, acts: Period, target: int, until_ms: int) -> str
     for at, t_ms in [*_cams(world, acts, target), (-1, until_ms)]:
         if 0 <= at <= acts.start.at:
             continue
-        if found := _forged(world, acts.station, at):
+        if found := world.forged(acts.station, at):
             forged = found
             continue
         if forged and loss is not None and t_ms - last_cam_ms > loss:
             return forged
         last_cam_ms, forged = t_ms, ""
     return ""
-
-
-def _forged(world: World, station: int, at: int) -> str:
-    """The received message of an event and its place, if it is forged; else empty."""
-    found = world.forged(station, at)
-    return "" if found is None else f"{found.message}, at {found.file}:{found.line}"
 
 
 def _outcome(
@@ -357,7 +330,7 @@ def bound_of(world: World, acts: Period) -> Bound | None:
         return None
     ms, text = d + loss, f"D + t_cam_loss = {d} + {loss}"
     assert acts.session is not None, "a station that acts is bound"
-    lease = world.leases(acts.station).get((acts.session, acts.start.proposal))
+    lease = world.leases[acts.station].get((acts.session, acts.start.proposal))
     if lease is not None and lease < ms:
         ms, text = lease, f"lease = {lease}"
     late = acts.end.late_ms if acts.end is not None else 0
@@ -366,7 +339,7 @@ def bound_of(world: World, acts: Period) -> Bound | None:
     return Bound(ms, f"{text}: {ms} ms")
 
 
-def _between(world: World, acts: Period, target: int, departure: _Departure) -> list[str]:
+def _between(world: World, acts: Period, target: int, departure: Moment) -> list[str]:
     """The fate of the messages that could have shortened the hazard."""
     found = []
     if departure.cause == "expire cam":
@@ -380,16 +353,10 @@ def _between(world: World, acts: Period, target: int, departure: _Departure) -> 
         found.append(
             _count(world, target, acts.station, departure.at, None, "Cancel", " from then on")
         )
-    return [*found, _last_cam(world, acts, target)]
-
-
-def _last_cam(world: World, acts: Period, target: int) -> str:
-    """The last CAM of the target that named the session and reached the prescriber (ACT-5)."""
-    log = world.log(acts.station)
-    cams = _cams(world, acts, target)
+    log, cams = world.log(acts.station), _cams(world, acts, target)
     if not cams:
-        return f"no CAM of station {target} counted"
-    return f"the last CAM that counted was at {log.file}:{log.events[cams[-1][0]][0]}"
+        return [*found, f"no CAM of station {target} counted"]
+    return [*found, f"the last CAM that counted was at {log.file}:{log.events[cams[-1][0]][0]}"]
 
 
 def _cams(world: World, acts: Period, target: int) -> list[tuple[int, int]]:

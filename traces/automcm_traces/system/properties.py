@@ -21,7 +21,7 @@ from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard
 from automcm_traces.system.log_merge import Merged, MergeError, merge
-from automcm_traces.system.timeline import Moment, Period, Timeline
+from automcm_traces.system.timeline import Moment, Timeline
 from automcm_traces.system.world import World
 
 Outcome = Literal["holds", "violated", "cannot_tell"]
@@ -42,6 +42,7 @@ NAMES = {
 }
 ENDS = ("restart", "command abort", "expire cam", "expire lease")
 """The causes that may end a commitment, besides a Fin or Cancel of its session (S-2)."""
+PAST = {"send": "sent", "receive": "received"}
 SAME_TIME = "the clocks do not determine whether at the same time"
 
 
@@ -187,9 +188,7 @@ def judge_merged(merged: Merged, timelines: Mapping[str, Timeline] | None = None
         _result("S-8", exclusive(world), partly),
         _result("T-1", duration_properties.durations(world), partly),
         _result("T-2", bounds, partly),
-        _result(
-            "T-3", (f for log in world.merged.logs for f in duration_properties.sendings(log)), []
-        ),
+        _result("T-3", chain(*map(duration_properties.sendings, merged.logs)), []),
         _result("T-4", duration_properties.leases(world), partly),
         _result("T-5", duration_properties.orders(world), partly),
     ]
@@ -283,22 +282,28 @@ def accepted(world: World) -> Iterator[Checked]:
     """S-3: a prescriber acts on an Acceptance of its session and proposal that its target sent."""
     for station, line in world.timelines.items():
         for acts in line.periods("ACTUATING", "prescriber"):
-            yield _accepted(world, station, acts)
+            target = acts.start.target
+            assert acts.session is not None, "a station that acts is bound"
+            at = world.acceptances.get((target, station, acts.session, acts.start.proposal))
+            early = f"acts before station {target} accepts"
+            never = f"acts on an Acceptance that station {target} never sent"
+            fault = never if at is None else early
+            yield _logged_before(world, station, acts.start, target, at, "send", fault)
 
 
-def _accepted(world: World, station: int, acts: Period) -> Checked:
-    target, where = acts.start.target, world.timelines[station].where(acts.start)
-    if world.merged.place(target) is None:
-        return None, f"{where}: no log of station {target}"
-    assert acts.session is not None, "a station that acts is bound"
-    at = world.acceptances(target).get((station, acts.session, acts.start.proposal))
+def _logged_before(
+    world: World, station: int, m: Moment, other: int, at: int | None, kind: str, fault: str
+) -> Checked:
+    """Whether another station has sent or received a message before a moment: the event ``at``."""
+    where = world.timelines[station].where(m)
+    if world.merged.place(other) is None:
+        return None, f"{where}: no log of station {other}"
     if at is not None:
-        after = world.before(station, acts.start.at, target, at)
-        return not after, f"{where}: acts before station {target} accepts"
-    log = world.log(target)
-    if "send" not in log.header.complete or not log.ended:
-        return None, f"{where}: {log.file} may lack messages that station {target} sent"
-    return False, f"{where}: acts on an Acceptance that station {target} never sent"
+        return not world.before(station, m.at, other, at), f"{where}: {fault}"
+    log = world.log(other)
+    if kind not in log.header.complete or not log.ended:
+        return None, f"{where}: {log.file} may lack messages that station {other} {PAST[kind]}"
+    return False, f"{where}: {fault}"
 
 
 def agreement(world: World) -> Iterator[Checked]:
@@ -344,32 +349,13 @@ def exclusive(world: World) -> Iterator[Checked]:
 
 def acknowledged(world: World) -> Iterator[Checked]:
     """S-6: a message that an Ack removes from an outbox was received by its addressee."""
-    got = world.received()
     for station, line in world.timelines.items():
         for moment in line.moments:
             for to, key in moment.acked:
-                yield _acknowledged(world, station, moment, to, key, got)
-
-
-def _acknowledged(
-    world: World,
-    station: int,
-    moment: Moment,
-    to: int,
-    key: str,
-    got: dict[tuple[int, int, str], int],
-) -> Checked:
-    where, place = world.timelines[station].where(moment), world.merged.place(to)
-    if place is None:
-        return None, f"{where}: no log of station {to}"
-    at = got.get((to, station, key))
-    if at is not None:
-        after = world.before(station, moment.at, to, at)
-        return not after, f"{where}: {key} is acknowledged before it is received"
-    log = world.merged.logs[place]
-    if "receive" not in log.header.complete or not log.ended:
-        return None, f"{where}: {log.file} may lack messages that station {to} received"
-    return False, f"{where}: {key} is acknowledged but was never received"
+                at = world.received.get((to, station, key))
+                when = "but was never received" if at is None else "before it is received"
+                fault = f"{key} is acknowledged {when}"
+                yield _logged_before(world, station, moment, to, at, "receive", fault)
 
 
 def _hazards(world: World) -> tuple[list[Checked], list[Checked], list[Hazard]]:

@@ -12,8 +12,10 @@ from typing import Literal
 
 from automcm_spec.log_format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log, LogStream
+from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.messages import Fields, session_in, to_dict
 from automcm_spec.vocabulary.rules import kind
+from automcm_spec.vocabulary.station import State
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Check, Follower, Watcher, follow
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
@@ -42,7 +44,7 @@ class Moment:
     about: Session | None = None
     acked: tuple[tuple[int, str], ...] = ()
     """The messages that an Ack removed from the outbox: addressee and key (``key_of``)."""
-    own: object = None
+    own: State | None = None
     """The part of the state that belongs to the own session (S-7)."""
     late_ms: int = 0
     """The delay of the expiry after its deadline."""
@@ -133,8 +135,7 @@ class Recorder(Watcher):
         """The index of each event by line."""
         self._t_ms = 0
         self._outbox: list[OutboxEntry] = []
-        self._own: object = None
-        """The part of the state that belongs to the own session."""
+        self._own: State | None = None
         self._deadlines: dict[Timer, int] = {}
         self._known = 0, 0, 0
         """The last step: its event, line and time."""
@@ -155,7 +156,7 @@ class Recorder(Watcher):
         if step.changes or step.sent:
             kept = {id(e) for e in t.outbox}
             gone = [e for e in self._outbox if id(e) not in kept]
-            self._outbox, self._own = list(t.outbox), _own(t)
+            self._outbox, self._own = list(t.outbox), _own(t.state)
         event = step.event
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
@@ -213,16 +214,7 @@ class Recorder(Watcher):
         made.last = self._known
 
 
-def _own(t: Track) -> tuple[object, ...]:
-    st, entries = t.state, sorted((e.type, e.to, e.k) for e in t.outbox if e.session == t.session)
-    recorded = (tuple(sorted(st.recorded)), tuple(sorted(st.withdrawn)))
-    own = (
-        st.phase,
-        st.role,
-        t.session,
-        st.target,
-        st.proposal,
-        st.deciding,
-        t.last_cam_ms is not None,
-    )
-    return own, recorded, tuple(entries)
+def _own(st: State) -> State:
+    """The state without what does not belong to the own session."""
+    outbox = frozenset(e for e in st.outbox if e.session == st.session)
+    return st._replace(number=0, joined=EMPTY, outbox=outbox, quarantine=False, backoff=False)

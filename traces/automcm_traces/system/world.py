@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 
 from automcm_spec.log_format.log import ApplicationIndication, Event, Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, session_in
-from automcm_traces.system.delivery import Deliveries, Forged
+from automcm_traces.system.delivery import Deliveries
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.log_merge import Merged
 from automcm_traces.system.timeline import Moment, Period, Session, Timeline, key_of, timeline
@@ -26,8 +28,6 @@ class World:
             log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs
         }
         self._forged = {found.at: found for found in self.deliveries.forged}
-        self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
-        self._leases: dict[int, dict[tuple[Session, int], int]] = {}
         self._periods: dict[tuple[int, str, str], dict[Session | None, list[Period]]] = {}
 
     def log(self, station: int) -> Log:
@@ -36,40 +36,43 @@ class World:
         assert place is not None, "the caller names a station with a log"
         return self.merged.logs[place]
 
-    def forged(self, station: int, at: int) -> Forged | None:
-        """The forged message that an event of a station received; None if there is none."""
+    def forged(self, station: int, at: int) -> str:
+        """The forged message that an event of a station received, and its place; empty if there is
+        none."""
         place = self.merged.place(station)
-        return None if place is None else self._forged.get((place, at))
+        found = None if place is None else self._forged.get((place, at))
+        return "" if found is None else f"{found.message}, at {found.file}:{found.line}"
 
     def messages(
-        self, station: int, type_: str, *events: type[Send] | type[Receive]
-    ) -> Iterator[tuple[int, Fields, Session, int]]:
-        """The messages of a type in a station's log that name a session and a proposal: of each,
+        self, type_: str, *events: type[Send] | type[Receive]
+    ) -> Iterator[tuple[int, int, Fields, Session, int]]:
+        """The logged messages of a type that name a session and a proposal: of each, its station,
         the index of its event, the message, and these two."""
-        for at, (_, e) in enumerate(self.log(station).events):
-            m: Fields = (isinstance(e, events) and e.message) or {}
-            session, proposal = session_in(m.get("session")), m.get("proposal")
-            if m.get("type") == type_ and session and isinstance(proposal, int):
-                yield at, m, session, proposal
+        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
+            for at, (_, e) in enumerate(log.events):
+                m: Fields = (isinstance(e, events) and e.message) or {}
+                session, proposal = session_in(m.get("session")), m.get("proposal")
+                if m.get("type") == type_ and session and isinstance(proposal, int):
+                    yield station, at, m, session, proposal
 
-    def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
-        """The accepting Acceptances in a station's log: the first event by addressee, session and
+    @cached_property
+    def acceptances(self) -> dict[tuple[int, int, Session, int], int]:
+        """The first event that sent an accepting Acceptance, by sender, addressee, session and
         proposal."""
-        if station not in self._acceptances:
-            found = self._acceptances[station] = {}
-            for at, m, session, proposal in self.messages(station, "Acceptance", Send):
-                if m.get("accepted") and isinstance(dst := m.get("dst"), int):
-                    found.setdefault((dst, session, proposal), at)
-        return self._acceptances[station]
+        found: dict[tuple[int, int, Session, int], int] = {}
+        for station, at, m, session, proposal in self.messages("Acceptance", Send):
+            if m.get("accepted") and isinstance(dst := m.get("dst"), int):
+                found.setdefault((station, dst, session, proposal), at)
+        return found
 
-    def leases(self, station: int) -> dict[tuple[Session, int], int]:
-        """The lease in ms that a station has sent or received, by session and proposal."""
-        if station not in self._leases:
-            found = self._leases[station] = {}
-            for _, m, session, proposal in self.messages(station, "Prescription", Send, Receive):
-                if isinstance(lease := m.get("lease_ms"), int):
-                    found.setdefault((session, proposal), lease)
-        return self._leases[station]
+    @cached_property
+    def leases(self) -> dict[int, dict[tuple[Session, int], int]]:
+        """The leases in ms that a station has sent or received, by session and proposal."""
+        found: dict[int, dict[tuple[Session, int], int]] = defaultdict(dict)
+        for station, _, m, session, proposal in self.messages("Prescription", Send, Receive):
+            if isinstance(lease := m.get("lease_ms"), int):
+                found[station].setdefault((session, proposal), lease)
+        return found
 
     def periods(
         self, station: int, phase: str, role: str
@@ -87,6 +90,7 @@ class World:
         periods = self.periods(station, "ACTUATING", "receiver").get(session, ())
         return [period for period in periods if period.start.proposal == proposal]
 
+    @cached_property
     def received(self) -> dict[tuple[int, int, str], int]:
         """The first event that received a message, by receiver, sender and ``key_of``."""
         got: dict[tuple[int, int, str], int] = {}

@@ -77,14 +77,16 @@ class Behaviour(World):
     def before(self, a: int, at_a: int, b: int, at_b: int) -> bool:
         return at_a < at_b
 
-    def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
-        found: dict[tuple[int, Session, int], int] = {}
+    @property
+    def acceptances(self) -> dict[tuple[int, int, Session, int], int]:
+        found: dict[tuple[int, int, Session, int], int] = {}
         for n, state in enumerate(self.states):
             for m in state.values["net"]:  # type: ignore[attr-defined]
-                if m["type"] == "Acceptance" and m["accepted"] and m["src"] == station:
-                    found.setdefault((m["dst"], tuple(m["session"]), m["proposal"]), n)
+                if m["type"] == "Acceptance" and m["accepted"]:
+                    found.setdefault((m["src"], m["dst"], tuple(m["session"]), m["proposal"]), n)
         return found
 
+    @property
     def received(self) -> dict[tuple[int, int, str], int]:
         found: dict[tuple[int, int, str], int] = {}
         for n, state in enumerate(self.states):
