@@ -335,33 +335,28 @@ def verdicts(found: Sequence[JudgedLog]) -> list[Verdict]:
 
 def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], SystemReport]:
     """The verdicts on the logs of one run, and the report on all together."""
+    logs = _complete_logs(found)
+    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
     try:
-        merged = merge(_complete_logs(found))
+        merged = merge(logs)
     except MergeError:
-        return verdicts(found), judge(_complete_logs(found), _timelines(found))
-    return _with_forged(found, _forged_in(merged)), judge_merged(merged, _timelines(found))
+        return verdicts(found), judge(logs, timelines)
+    return _with_forged(found, _forged_in(merged)), judge_merged(merged, timelines)
 
 
 def _with_forged(found: Sequence[JudgedLog], foreign: Mapping[str, Finding]) -> list[Verdict]:
-    return [
-        Verdict(
-            v.file,
-            other,
-            warnings=v.warnings,
-            header=v.header,
-            first_ms=v.first_ms,
-            hint=v.hint,
-            rejected=v.rejected,
-        )
-        if (other := foreign.get(v.file)) is not None
-        and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
-        else v
-        for v in (one.verdict for one in found)
-    ]
+    verdicts = []
+    for v in (one.verdict for one in found):
+        other = foreign.get(v.file)
+        if other is not None and (v.verdict == "allowed" or other.at.line <= v.finding.at.line):
+            about = {name: getattr(v, name) for name in _OF_WHOLE_LOG}
+            v = Verdict(v.file, other, **about)
+        verdicts.append(v)
+    return verdicts
 
 
-def _timelines(found: Sequence[JudgedLog]) -> dict[str, Timeline]:
-    return {one.verdict.file: one.timeline for one in found if one.timeline is not None}
+_OF_WHOLE_LOG = ("warnings", "header", "first_ms", "hint", "rejected")
+"""The fields of a verdict that do not depend on its finding."""
 
 
 def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:

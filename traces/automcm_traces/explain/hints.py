@@ -189,11 +189,7 @@ def _about_cams(d: Diverges) -> bool:
     """Whether a CAM would explain what was found: the timer cam is overdue, or armed again."""
     if d.finding.kind == "overdue":
         return d.finding.rule == "ACT-2"
-    return d.seen is not None and d.seen[0] == "arm" and _is_cam(d.seen[1])
-
-
-def _is_cam(timer: object) -> bool:
-    return isinstance(timer, PlainTimer) and timer.name == "cam"
+    return d.seen == ("arm", PlainTimer(name="cam"))
 
 
 def _shifted_timers(engine: Follower, after: Iterable[tuple[int, Event]]) -> list[int]:

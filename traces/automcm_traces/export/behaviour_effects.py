@@ -81,8 +81,8 @@ def effects_of(
         if line.startswith('"<<'):
             text = tla_values.parse(line)
             assert isinstance(text, str)
-            n, *answer = _tuple(tla_values.parse(text))
-            found[wanted[n]] = _effects(answer)
+            answer: Any = tla_values.parse(text)
+            found[wanted[answer[0]]] = _effects(answer[1:])
 
     with scratch.folder("story") as place:
         for path in TLA.glob("*.tla"):
@@ -93,11 +93,6 @@ def effects_of(
         (place / "Story.cfg").write_text(constants + nothing, encoding="utf-8")
         tlc.run("Story", place / "Story.cfg", tla_dir=place, on_print=read, short=True)
     return found
-
-
-def _tuple(value: Any) -> Any:
-    assert isinstance(value, tuple)
-    return value
 
 
 def _effects(answer: Any) -> StepEffects:

@@ -17,10 +17,10 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.model_checking import models
 from automcm_spec.model_checking.tla_values import Record
 from automcm_spec.support.bad_input import at_line
+from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
-from automcm_spec.vocabulary.station import Message, State
 from automcm_traces.checker.follow import Watcher, follow
 from automcm_traces.checker.track import CannotTell, InputStep, Track
 from automcm_traces.export import behaviour_to_log, itf
@@ -129,11 +129,12 @@ def _behaviour(value: object) -> Behaviour:
 
 
 def _move(one: ModelState, two: ModelState, ticks: int) -> Move:
-    before, after = _stations(one), _stations(two)
+    before, after = (dict(enumerate(at.st, 1)) for at in (one, two))
     station = two.station
     given = input_of(two.input) if station else None
     if two.clock is None or one.clock is None:
-        return Move(station, given, before, after, _net(one), _net(two))
+        net, net_after = (frozenset(map(behaviour_to_log.plain, at.net)) for at in (one, two))
+        return Move(station, given, before, after, net, net_after)
     at_ms = ticks * TICK_MS
     lost, lost_before = (dict(enumerate(at.lost or (), 1)) for at in (two, one))
     behind = {n: ticks * TICK_MS for n, ticks in lost.items()}
@@ -146,24 +147,8 @@ def _move(one: ModelState, two: ModelState, ticks: int) -> Move:
     now = at_ms - behind.get(station, 0)
     deadlines = {timer: now + ticks * TICK_MS for timer, ticks in left.items()}
     anew = frozenset(t for t in left if t in was and left[t] > was[t])
-    return Move(
-        station,
-        given,
-        before,
-        after,
-        at_ms=at_ms,
-        behind_ms=behind,
-        deadlines=deadlines,
-        also_armed=anew,
-    )
-
-
-def _stations(at: ModelState) -> dict[int, State]:
-    return dict(enumerate(at.st, 1))
-
-
-def _net(at: ModelState) -> frozenset[Message]:
-    return frozenset(map(behaviour_to_log.plain, at.net))
+    more = at_ms, behind, deadlines, (), anew
+    return Move(station, given, before, after, EMPTY, EMPTY, *more)
 
 
 def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:

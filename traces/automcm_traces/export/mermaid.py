@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import ApplicationCommand, ApplicationIndication, Receive, Restart
 from automcm_spec.support.bad_input import printable
+from automcm_traces.explain.log_columns import TIMES, folds
 from automcm_traces.explain.log_table import TableRow
-from automcm_traces.system.copy_folding import Key, folded, key_of
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
@@ -45,12 +45,12 @@ def diagram(
     yield "sequenceDiagram"
     yield from (f"  participant S{station} as {station}" for station in sorted(known))
     drawn = left_out = 0
-    for fold in folded(kept, _unique if unfold else _key):
-        row = fold.first
+    for row, times in folds(kept, unfold):
         room = max(0, most - drawn)
         drawn += len(row.arrows)
-        left_out += fold.times * len(row.arrows[room:])
-        yield from (f"  {_arrow(row, arrow, fold.mark)}" for arrow in row.arrows[:room])
+        left_out += times * len(row.arrows[room:])
+        mark = f"{TIMES}{times}" if times > 1 else ""
+        yield from (f"  {_arrow(row, arrow, mark)}" for arrow in row.arrows[:room])
         if drawn > most:
             continue
         if isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):
@@ -60,16 +60,6 @@ def diagram(
     if left_out:
         first, last = min(known), max(known)
         yield f"  Note over S{first},S{last}: {left_out} more messages are not shown"
-
-
-def _key(row: TableRow) -> Key | None:
-    if row.event is None:
-        return None
-    return key_of(row.station, row.event, row.arrows, bool(row.phase))
-
-
-def _unique(row: TableRow) -> None:
-    """No key: nothing folds."""
 
 
 def _arrow(row: TableRow, arrow: Arrow, mark: str) -> str:

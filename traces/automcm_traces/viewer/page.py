@@ -20,25 +20,11 @@ from automcm_traces.viewer.page_pack import compact
 
 Json = Any
 VIEWER = Path(__file__).parent
-SCRIPTS = tuple(
-    f"{name}.js"
-    for name in (
-        *(
-            "data",
-            "layout",
-            "ruler",
-            "phases",
-            "copies",
-            "draw",
-            "heads",
-            "span",
-            "map",
-            "road",
-            "panel",
-        ),
-        *("save", "legend", "table", "keys", "address", "main"),
-    )
-)
+SCRIPTS = [
+    *("data.js", "layout.js", "ruler.js", "phases.js", "copies.js", "draw.js", "heads.js"),
+    *("span.js", "map.js", "road.js", "panel.js", "save.js", "legend.js", "table.js", "keys.js"),
+    *("address.js", "main.js"),
+]
 """In the order of insertion."""
 TABLE = 1_000
 """The maximum number of rows in the table shown without JavaScript, centred on the divergence."""

@@ -353,17 +353,11 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
 
 def _steps(history: StateHistory, strings: PackedTable) -> dict[str, Json]:
     lines = [b - a for a, b in zip([0, *history.steps], history.steps, strict=False)]
-    where = [strings.place([rule, *place]) for rule, place in _decisions(history)]
-    return {"lines": lines, "where": where, "states": _sparse(history.states)}
-
-
-def _decisions(history: StateHistory) -> list[tuple[str, tuple[str, int]]]:
-    return list(zip(history.rules, history.places, strict=True))
-
-
-def _sparse(states: list[Json]) -> list[Json]:
-    """States as alternating index and change, without empty changes."""
-    return [part for n, change in enumerate(states) if change for part in (n, change)]
+    decisions = zip(history.rules, history.places, strict=True)
+    where = [strings.place([rule, *place]) for rule, place in decisions]
+    # States as alternating index and change, without empty changes.
+    states = [part for n, change in enumerate(history.states) if change for part in (n, change)]
+    return {"lines": lines, "where": where, "states": states}
 
 
 def _used(histories: Sequence[StateHistory]) -> dict[str, Json]:

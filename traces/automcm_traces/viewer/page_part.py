@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from stat import S_ISREG
 
-from pydantic import ValidationError
-
 from automcm_spec.log_format.event_text import session_of
-from automcm_spec.log_format.log import End, Event, Header, Receive, Send, UnknownEvent
-from automcm_spec.log_format.reader import Log, LogStream, NotJsonError, parse
+from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.explain.explain import JudgedLog
 
@@ -57,28 +55,13 @@ class PagePart:
     def of_lines(self, path: Path) -> PagePart | None:
         """The lines of the session in a log, if it chooses a session; None if the log has none.
 
-        Only lines with both numbers of the session are parsed. Raises BadInput.
+        Raises BadInput.
         """
         if self.session is None:
             return self
-        numbers = [str(number).encode() for number in self.session]
-        found: list[int] = []
-        try:
-            with open(path, "rb") as stream:
-                for at, line in enumerate(stream, 1):
-                    if all(number in line for number in numbers) and _names(line, self.session):
-                        found = [*found[:1], at]
-        except OSError as error:
-            raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
+        events = _readable(LogStream(path))
+        found = [line for line, event in events if session_of(event) == self.session]
         return replace(self, first=found[0], last=found[-1]) if found else None
-
-
-def _names(line: bytes, session: tuple[int, int]) -> bool:
-    try:
-        record = parse(line)
-    except (NotJsonError, ValidationError):
-        return False  # the log ends before this line
-    return not isinstance(record, Header | End | UnknownEvent) and session_of(record) == session
 
 
 def too_long(paths: Sequence[Path]) -> str:

@@ -7,15 +7,15 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice, takewhile
+from itertools import chain, islice, takewhile
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.log_format.log import Receive, Send, transmission
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.follow import follow
 from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, verdicts_together
+from automcm_traces.system.fates import ANYONE
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
 from automcm_traces.viewer.page_follow import StateHistory, States
@@ -119,7 +119,8 @@ def load(
     judged, system = [one.verdict for one in found], None
     if part is None and len(paths) > 1:
         judged, system = verdicts_together(found)
-    named = sorted(_named(merged) - set(merged.stations))
+    arrows = chain.from_iterable(merged.arrows.values())
+    named = sorted({s for a in arrows for s in (a.source, a.to)} - {*merged.stations, ANYONE})
     crowded = len(named) > GHOSTS
     of_file = {log.file: (path, log) for path, log in logs}
     histories = [states[of_file[log.file][0]].history(of_file[log.file][1]) for log in merged.logs]
@@ -165,19 +166,3 @@ def _vendor(path: Path, log: Log, part: PagePart | None) -> dict[int, Json]:
 def _is_plain_cam(line: bytes) -> bool:
     """Whether the only field of a line that looks like a vendor field is ``x_mm`` of a CAM."""
     return b'"CAM"' in line and b'"x_mm"' in line and line.count(b'"x_') == 1
-
-
-def _named(merged: Merged) -> set[int]:
-    """All stations that sent a message or are addressed by one, or that the ``tx`` of a rejected
-    one names."""
-    found: set[int] = set()
-    for log in merged.logs:
-        for _, event in log.events:
-            if isinstance(event, Receive) and event.rejected is not None and event.tx is not None:
-                found.add(transmission(event.tx)[0])
-            m = event.message if isinstance(event, Send | Receive) else None
-            for name in ("src", "dst") if m is not None else ():
-                value = m.get(name) if m is not None else None
-                if type(value) is int and value > 0:
-                    found.add(value)
-    return found
