@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, TypeAlias
 
-from automcm_spec.model_checking import tlc_simulation
 from automcm_spec.model_checking.tlc import TraceState
+from automcm_spec.vocabulary import json_forms
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_spec.vocabulary.station import Input, Message, State
@@ -70,9 +70,9 @@ def _step(before: TraceState, after: TraceState) -> ModelStep:
     if given["kind"] in EVENTS:
         about = (Message(**given["message"]),) if "message" in given else ()
         return ModelStep(number, action, None, (given["kind"], *about), None, 0, {})
-    value = tlc_simulation.input_of(given)
-    old = tlc_simulation.state(_of(before.values["st"], who))
-    new = tlc_simulation.state(_of(after.values["st"], who))
+    value = json_forms.input_of(given)
+    old = json_forms.state(_of(before.values["st"], who))
+    new = json_forms.state(_of(after.values["st"], who))
     changes = {n: (a, b) for n, a, b in zip(State._fields, old, new, strict=True) if a != b}
     return ModelStep(number, action, who, value, rule, line(rule, value), changes)
 

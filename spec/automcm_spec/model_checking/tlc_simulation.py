@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from automcm_spec.model_checking import tla_values, tlc
 from automcm_spec.support import scratch
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Message,
-    Receive,
-    Restart,
-    State,
-    Timer,
-)
+from automcm_spec.vocabulary import json_forms
+from automcm_spec.vocabulary.station import Input, State
 
 CONFIG = """CONSTANTS
   MaxRounds = 3
@@ -46,31 +35,8 @@ CONSTANTS = {"MaxRounds": 3, "MaxParticipants": 3, "OutboxLimit": 12, "MemoryLim
 Behaviour = list[tuple[int, Input, State]]
 """Steps: station, input, next state."""
 
-
-def state(value: Any) -> State:
-    """A station of a closed model, with the model's ids."""
-    fields = {name: value[name] for name in State._fields}
-    return State(**fields | {"outbox": frozenset(Entry(**e) for e in value["outbox"])})
-
-
-def input_of(value: Any) -> Input:
-    """An input of a closed model, with the model's ids."""
-    match value["kind"]:
-        case "receive":
-            return Receive("receive", Message(**value["message"]), value["concerned"])
-        case "cam":
-            return Cam(**value)
-        case "command":
-            return Command(**value)
-        case "expire":
-            return Expire("expire", timer_of(value["timer"]))
-    return Restart("restart")
-
-
-def timer_of(value: Any) -> Timer:
-    """A timer of a closed model, with the model's ids."""
-    name, *about = value
-    return (name, *(Entry(**of) if isinstance(of, Mapping) else of for of in about))
+state, input_of, timer_of = json_forms.state, json_forms.input_of, json_forms.timer
+"""What a model prints of stations, inputs and timers, with the model's ids."""
 
 
 def behaviours(number: int, depth: int, seed: int, *, lively: bool = False) -> list[Behaviour]:

@@ -1,7 +1,8 @@
 """The JSON form of the specification's values, and back (docs/oracle.md).
 
 A NamedTuple or a tuple becomes a list, a set becomes a sorted list. The annotations of
-automcm_spec.vocabulary.station determine the class of a list when reading.
+automcm_spec.vocabulary.station determine the class of a list when reading. A mapping, such as a
+record that TLC printed, is read like the list of the values that the class has.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def open_station(constants: Mapping[str, Json]) -> OpenStation:
 
 
 def state(value: Json) -> State:
-    """The state with this JSON form."""
+    """The state with this JSON form, or in this record."""
     made: State = _reader(State)(value)
     return made
 
@@ -77,12 +78,14 @@ def timer(value: Json) -> Timer:
     if not about:
         return (name,)
     (of,) = about
-    return (name, of) if isinstance(of, int) else (name, _reader(Entry)(of))
+    station_or_entry: Any = of if isinstance(of, int | str) else _reader(Entry)(of)
+    return name, station_or_entry
 
 
 def input_of(value: Json) -> Input:
     """The input with this JSON form. Raises KeyError for an unknown kind."""
-    made: Input = _reader(_inputs()[value[0]])(value)
+    kind = value["kind"] if isinstance(value, Mapping) else value[0]
+    made: Input = _reader(_inputs()[kind])(value)
     return made
 
 
@@ -115,6 +118,8 @@ def _reader(annotation: Any) -> Callable[[Json], Any]:
         fields = [_reader(hint) for hint in hints.values()]
 
         def made(value: Json) -> Any:
+            if isinstance(value, Mapping):
+                value = [value[name] for name in hints]
             return annotation(*(read(item) for read, item in zip(fields, value, strict=True)))
 
         return made
