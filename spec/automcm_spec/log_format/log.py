@@ -37,6 +37,8 @@ from automcm_spec.vocabulary.messages import (
     MESSAGE,
     Array,
     Fields,
+    Natural,
+    Positive,
     StationId,
     fault,
     missing,
@@ -76,12 +78,8 @@ def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
     return kinds
 
 
-Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
-"""At most the largest integer that a float represents exactly, as in a message
-(docs/messages.md)."""
 Deadline = Annotated[int, Field(ge=0, le=2 * (2**53 - 1))]
 """A time and a lease later: each may be the largest integer of a message (ACT-4)."""
-Positive = Annotated[int, Field(ge=1, le=2**53 - 1)]
 Percent = Annotated[int, Field(ge=0, le=99)]
 Name = Annotated[str, Field(min_length=1)]
 Transmission = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}:[0-9]{1,19}$")]

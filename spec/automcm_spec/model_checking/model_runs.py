@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from automcm_spec.model_checking import models, tlc
-from automcm_spec.model_checking.models import Model, ModelVerdict
+from automcm_spec.model_checking.models import COMMENT, Model, ModelVerdict
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
 
@@ -32,7 +32,6 @@ _BOX = re.compile(r"(?:.*/\\)?(\s*)\[\]\[(.*)\]_(\w+|<<[^>]*>>)\s*", re.DOTALL)
 _FIXED = re.compile(r"^(?:CONSTANTS?|ASSUME)\b.*?(?=^\S|\Z)", re.MULTILINE | re.DOTALL)
 _LINE = re.compile(r"^(SPECIFICATION|VIEW) +(\w+) *$", re.MULTILINE)
 _TAKEN = re.compile(r'^/\\ taken = ".*"$', re.MULTILINE)
-_COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
 
 
 class _Unsupported(ValueError):
@@ -47,7 +46,7 @@ def runs(chosen: Sequence[Model], tla_dir: Path = TLA) -> list[list[Model]]:
     them.
     """
     texts = "\n".join(path.read_text(encoding="utf-8") for path in tla_dir.glob("*.tla"))
-    fixed = set(re.findall(r"\w+", " ".join(_FIXED.findall(_COMMENT.sub("", texts)))))
+    fixed = set(re.findall(r"\w+", " ".join(_FIXED.findall(COMMENT.sub("", texts)))))
     found: dict[object, list[Model]] = {}
     for model in chosen:
         key: object = model.cfg
@@ -144,7 +143,7 @@ def shared_model(run: Sequence[Model], texts: Mapping[str, str]) -> tuple[str, s
     """The module and the cfg of a shared run. Raises _Unsupported."""
     first = run[0]
     read = models.extended(first.module, texts)
-    known = _definitions(_COMMENT.sub("", "\n".join(texts[name] for name in sorted(read))))
+    known = _definitions(COMMENT.sub("", "\n".join(texts[name] for name in sorted(read))))
     known = {name: _apart(*definition) for name, definition in known.items()}
     rest, _ = models.split(first.config)
     named = dict(_LINE.findall(rest))

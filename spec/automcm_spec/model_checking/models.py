@@ -102,7 +102,7 @@ SHORT_S = 5.0
 _SENTENCE = re.compile(r"[.?!](?=\s|$)")
 _REACHED = re.compile(r'"<<\\"REACHED\\", \\"(.+)\\">>"')
 _KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
-_COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
+COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
 _CHECKED = {"INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"}
 _EXTENDS = re.compile(r"\bEXTENDS\s+(\w+(?:\s*,\s*\w+)*)")
 _INSTANCE = re.compile(r"\bINSTANCE\s+(\w+)")
@@ -290,7 +290,7 @@ def _check_names(models: list[Model], tla_dir: Path) -> None:
 
 def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
     """The text of a cfg without comments and checks, and its checks as (keyword, name)."""
-    rest, *sections = _KEYWORD.split(_COMMENT.sub("", cfg))
+    rest, *sections = _KEYWORD.split(COMMENT.sub("", cfg))
     checked: list[tuple[str, str]] = []
     for keyword, body in zip(sections[::2], sections[1::2], strict=True):
         if keyword in _CHECKED:
@@ -321,7 +321,7 @@ def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) 
     while left:
         name = left.pop()
         found.add(name)
-        text = _COMMENT.sub(" ", texts.get(name, ""))
+        text = COMMENT.sub(" ", texts.get(name, ""))
         names = {one for listed in _EXTENDS.findall(text) for one in re.findall(r"\w+", listed)}
         if instances:
             names |= set(_INSTANCE.findall(text))

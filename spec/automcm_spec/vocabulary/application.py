@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, computed_field
+from pydantic import Field, TypeAdapter, computed_field
 
 from automcm_spec.vocabulary.messages import (
     Acceptance,
     CancelReason,
     Details,
+    Frozen,
     Intention,
     Message,
     Natural,
@@ -39,11 +40,7 @@ Phase = Literal[
 Role = Literal["none", "prescriber", "receiver"]
 
 
-class _Command(BaseModel):
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
-
-
-class Request(_Command):
+class Request(Frozen):
     """Open a session (ADV-1)."""
 
     name: Literal["request"] = "request"
@@ -52,14 +49,14 @@ class Request(_Command):
     planned: Trajectory | None = None
 
 
-class Close(_Command):
+class Close(Frozen):
     """Close the advertising window before its time (ADV-9)."""
 
     name: Literal["close"] = "close"
     session: Session
 
 
-class Prescribe(_Command):
+class Prescribe(Frozen):
     """Prescribe to the chosen target (PRE-2), or send it the next proposal (NEG-7)."""
 
     name: Literal["prescribe"] = "prescribe"
@@ -71,14 +68,14 @@ class Prescribe(_Command):
     lease_ms: Positive
 
 
-class Proceed(_Command):
+class Proceed(Frozen):
     """No station is in the way: maneuver alone (PRE-3)."""
 
     name: Literal["proceed"] = "proceed"
     session: Session
 
 
-class Accept(_Command):
+class Accept(Frozen):
     """The verifier found the proposal safe (NEG-2)."""
 
     name: Literal["accept"] = "accept"
@@ -87,7 +84,7 @@ class Accept(_Command):
     selected: Trajectory
 
 
-class Refuse(_Command):
+class Refuse(Frozen):
     """The verifier found the proposal unsafe (NEG-3)."""
 
     name: Literal["refuse"] = "refuse"
@@ -95,14 +92,14 @@ class Refuse(_Command):
     proposal: Positive
 
 
-class Complete(_Command):
+class Complete(Frozen):
     """The prescriber's maneuver is complete (ACT-3)."""
 
     name: Literal["complete"] = "complete"
     session: Session
 
 
-class Abort(_Command):
+class Abort(Frozen):
     """Abort the session, in any phase (END-1)."""
 
     name: Literal["abort"] = "abort"
@@ -113,14 +110,12 @@ Command = Request | Close | Prescribe | Proceed | Accept | Refuse | Complete | A
 COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="name")])
 
 
-class _Indication(BaseModel):
+class _Indication(Frozen):
     """An indication to the application.
 
     Its fields are those of the adapter protocol (docs/adapter.md), except the excluded ones, which
     only a log contains.
     """
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     def as_dict(self) -> dict[str, Any]:
         """The indication as logged: its own fields, with complete messages."""

@@ -167,25 +167,27 @@ class MessageError(ValueError):
     """Bytes that are not a message; the text names the first wrong field (END-5)."""
 
 
-class _Frozen(BaseModel):
+class Frozen(BaseModel):
+    """Immutable, strict, without unknown fields."""
+
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
 
-class Trajectory(_Frozen):
+class Trajectory(Frozen):
     """Positions over time: ``t0`` in ms, points ``(dt_ms, x_mm, y_mm)``. Opaque to the service."""
 
     t0: Integer
     points: Annotated[tuple[Point, ...], Array] = Field(min_length=1, fail_fast=True)
 
 
-class MessageId(_Frozen):
+class MessageId(Frozen):
     """The message that an Ack acknowledges (END-6)."""
 
     type: MessageType
     seq: Natural
 
 
-class _Message(_Frozen):
+class _Message(Frozen):
     v: Version = 1
     src: StationId
     dst: StationId = BROADCAST
@@ -271,7 +273,7 @@ class Ack(_Message):
     of: MessageId
 
 
-class Cam(_Frozen):
+class Cam(Frozen):
     """The periodic position message, which names the sessions of its sender (ACT-2, ACT-5).
 
     ``station_type`` is a DE_StationType of ETSI TS 102 894-2; ``sigma_mm`` is the standard
@@ -323,10 +325,7 @@ def decode(data: bytes | str) -> Message | Cam:
     return message
 
 
-_MODELS: tuple[type[_Frozen], ...] = (
-    *(Advertisement, Intention, Prescription, Acceptance, Fin, Cancel, Ack),
-    Cam,
-)
+_MODELS: tuple[type[Frozen], ...] = (*get_args(Message), Cam)
 _REQUIRED = {model: frozenset({"v", "seq"} & model.model_fields.keys()) for model in _MODELS}
 """Fields that have a default here but are required on the wire."""
 _OPTIONAL = {
