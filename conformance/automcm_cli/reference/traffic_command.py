@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +12,7 @@ from automcm_cli.shared.common import (
     Json,
     code_3,
     example,
+    progress,
     say,
     unknown,
     usage,
@@ -99,9 +98,13 @@ def traffic(
             codec=codec,
         )
     frames = Frames()
+
+    def show(now_ms: int) -> None:
+        notify(f"{now_ms / 1000:.1f} of {duration_s:g} simulated seconds")
+
     with code_3("simulate traffic", TrafficError, CodecError, OSError):
-        with files.new_folder(out, named=True), _bar(duration_s) as bar:
-            found = run.drive(logs=out, frames=frames, gui=gui, progress=bar)
+        with files.new_folder(out, named=True), progress() as notify:
+            found = run.drive(logs=out, frames=frames, gui=gui, progress=show)
         record = run.record(found)
         files.write(out / "traffic.json", frames.as_json())
         page = session_page.write(found, out)
@@ -109,19 +112,6 @@ def traffic(
     if write_json(json_, record | {"page": str(page) if page else None}):
         _say(record, out, page)
     raise typer.Exit(1 if wrong(record) else 0)
-
-
-@contextmanager
-def _bar(duration_s: float) -> Iterator[Callable[[int], None]]:
-    """A progress bar of the simulated time on a terminal; nothing in a pipe."""
-    from rich.progress import Progress
-
-    from automcm_cli.shared.terminal import Terminal
-
-    console = Terminal(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("simulated seconds", total=duration_s)
-        yield lambda now_ms: progress.update(task, completed=now_ms / 1000)
 
 
 def _say(record: dict[str, Any], out: Path, page: Path | None) -> None:
