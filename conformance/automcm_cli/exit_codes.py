@@ -140,20 +140,13 @@ def _open_closed_descriptors() -> None:
 
 def _text(raw: _Standard, was: Any) -> Any:
     """A text stream on ``raw`` with the settings of ``was`` (None if the descriptor was closed)."""
-    if was is None:
-        return _Visible(
-            io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace")
-        )
-    was.flush()
-    return _Visible(
-        io.TextIOWrapper(
-            raw if was.write_through else io.BufferedWriter(raw),
-            encoding=was.encoding,
-            errors=was.errors,
-            line_buffering=was.line_buffering,
-            write_through=was.write_through,
-        )
-    )
+    options: dict[str, Any] = {"encoding": "utf-8", "errors": "backslashreplace"}
+    if was is not None:
+        was.flush()
+        names = ("encoding", "errors", "line_buffering", "write_through")
+        options = {name: getattr(was, name) for name in names}
+    buffered = raw if options.get("write_through") else io.BufferedWriter(raw)
+    return _Visible(io.TextIOWrapper(buffered, **options))
 
 
 def _report_error(text: str, code: int) -> int:

@@ -20,8 +20,14 @@ from automcm_cli.shared.common import (
     usage,
     write_json,
 )
-from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
-from automcm_cli.shared.parameter_options import chosen
+from automcm_cli.shared.station_options import (
+    EVERYONE,
+    Broadcast,
+    Host,
+    Remote,
+    Settings,
+    chosen,
+)
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 
@@ -60,12 +66,7 @@ def live(
     jitter: Annotated[
         int, typer.Option(help="Tolerated deviation of a message from its time, in ms.", min=1)
     ] = 50,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="A parameter of the station, such as t_timeout=1000.  Repeatable."
-        ),
-    ] = None,
+    set_: Settings = None,
     scenario: Annotated[
         str, typer.Option(help="A scenario that the station's application joins.")
     ] = "lane_change",
@@ -87,7 +88,7 @@ def live(
     from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
     cases = _cases(selectors or [])
-    known = chosen(set_ or []).known
+    known = chosen(set_).known
     parameters = {name: known[name] for name in DEFAULTS}
     if jitter > longest_delay(known):
         raise typer.BadParameter(
@@ -131,11 +132,11 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     with usage(LinkError):
         everyone = address(broadcast)
         local_only(everyone[0], allow_remote)
-        own = bind(host, 0, allow_remote=allow_remote)
-        with closing(own):
-            shared = bind(*everyone, shared=True, allow_remote=allow_remote)
-            with closing(shared):
-                yield UdpAir(own, shared, everyone)
+        with (
+            closing(bind(host, 0, allow_remote=allow_remote)) as own,
+            closing(bind(*everyone, shared=True, allow_remote=allow_remote)) as shared,
+        ):
+            yield UdpAir(own, shared, everyone)
 
 
 def _cases(selectors: list[str]) -> list[LiveCase]:

@@ -7,18 +7,10 @@ from typing import Annotated
 import typer
 
 from automcm_cli.reference.station_commands import For, Lines, carry_out
-from automcm_cli.shared.common import example
-from automcm_cli.shared.network_options import Remote
+from automcm_cli.shared.common import example, two_numbers
+from automcm_cli.shared.station_options import Remote
 
 app = typer.Typer()
-
-
-def delays(text: str) -> tuple[int, int]:
-    """Parse ``MIN:MAX`` in ms."""
-    low, _, high = text.partition(":")
-    if not low.isdecimal() or not high.isdecimal() or int(low) > int(high):
-        raise typer.BadParameter(f"--delay must be MIN:MAX in ms, such as 2:40, not {text!r}")
-    return int(low), int(high)
 
 
 @app.command(epilog=example("link relay --port 47200 --loss 0.2 --delay 5:40"))
@@ -47,7 +39,10 @@ def relay(
     from automcm.service.station_process import stopping
     from automcm_simulation.radio.relay import Relay
 
-    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
+    least, most = two_numbers(delay, ":", "MIN:MAX in ms, such as 2:40", "--delay")
+    if least > most:
+        raise typer.BadParameter(f"MIN exceeds MAX in {delay}", param_hint="--delay")
+    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=(least, most))
 
     async def run(lines: Lines) -> None:
         over = stopping(for_ms)

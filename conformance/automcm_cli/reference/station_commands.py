@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 import typer
 
 from automcm_cli.shared.common import code_3, usage
-from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
-from automcm_cli.shared.parameter_options import chosen
+from automcm_cli.shared.station_options import (
+    EVERYONE,
+    Broadcast,
+    Host,
+    Remote,
+    Settings,
+    chosen,
+)
 from automcm_spec.support.bad_input import printable
 
 if TYPE_CHECKING:
@@ -170,10 +176,7 @@ def station(
     host: Host = "127.0.0.1",
     allow_remote: Remote = False,
     codec: Annotated[str, typer.Option(help="Encoding of messages: json or uper.")] = "json",
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a parameter, such as t_timeout=1000.  Repeatable."),
-    ] = None,
+    set_: Settings = None,
     keys: Annotated[
         Path | None,
         typer.Option(
@@ -288,7 +291,7 @@ def station(
     if bridge is None and token_file is not None:
         raise typer.BadParameter("--token-file needs --bridge")
     served = None if bridge is None else _bridge(bridge, host, allow_remote, token_file)
-    parameters = chosen(set_ or [])
+    parameters = chosen(set_)
     signing = _keys(keys, station_id, coded, parameters) if keys else None
 
     with code_3("station", LinkError):

@@ -90,6 +90,17 @@ def unknown(name: str, known: Sequence[str], what: str = "model") -> str:
     return f"there is no {what} {name!r}{nearest}"
 
 
+def two_numbers(text: str, sign: str, what: str, option: str) -> tuple[int, int]:
+    """The numbers on both sides of a sign.  ``what`` describes the expected text, with an example.
+
+    Raises typer.BadParameter.
+    """
+    parts = text.split(sign)
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise typer.BadParameter(f"expected {what}, not {text!r}", param_hint=option)
+    return int(parts[0]), int(parts[1])
+
+
 def write_json(target: Path | None, value: Any) -> bool:
     """Write a report for ``--json`` if there is a target.  Exits with code 3 on failure.
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, progress, say, write_json
-from automcm_cli.trace.trace_logs import Logs, files_of, refuse_given, two_numbers
+from automcm_cli.shared.common import Json, Late, code_3, progress, say, two_numbers, write_json
+from automcm_cli.trace.trace_logs import Logs, files_of, refuse_given
 from automcm_spec.support import files
 
 if TYPE_CHECKING:

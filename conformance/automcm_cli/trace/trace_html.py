@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, say, write_json
+from automcm_cli.shared.common import Json, Late, code_3, say, two_numbers, write_json
 from automcm_cli.trace.trace_edit import station_pairs
-from automcm_cli.trace.trace_logs import files_of, two_numbers
+from automcm_cli.trace.trace_logs import files_of
 from automcm_spec.support import files, scratch
 
 if TYPE_CHECKING:

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, Late, code_3, progress, say, say_lines, write_json
+from automcm_cli.shared.common import (
+    Json,
+    Late,
+    code_3,
+    progress,
+    say,
+    say_lines,
+    two_numbers,
+    write_json,
+)
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -200,17 +209,6 @@ def _print(
     for row, times in folds(shown, all_):
         for kind, line in table.lines(row, times):
             put(kind, line)
-
-
-def two_numbers(text: str, sign: str, what: str, option: str) -> tuple[int, int]:
-    """The numbers on both sides of a sign.  ``what`` describes the expected text, with an example.
-
-    Raises typer.BadParameter.
-    """
-    parts = text.split(sign)
-    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-        raise typer.BadParameter(f"expected {what}, not {text!r}", param_hint=option)
-    return int(parts[0]), int(parts[1])
 
 
 def coverage(

@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.shared.common import Late, code_3, say_lines, usage
-from automcm_cli.shared.network_options import Remote
+from automcm_cli.shared.station_options import Remote
 
 if TYPE_CHECKING:
     from automcm_spec.log_format.growing_file import GrowingFile
