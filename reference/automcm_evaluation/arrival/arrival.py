@@ -18,10 +18,9 @@ from pydantic import Field
 
 from automcm.applications.lane_change import PaperLaneChange
 from automcm.applications.vehicle import Driving, LateBraking
-from automcm_evaluation.arrival import arrival_figures, sumo
-from automcm_evaluation.arrival.arrival_tables import SPEEDS_KMH, names, summary
+from automcm_evaluation.arrival import sumo
+from automcm_evaluation.arrival.arrival_tables import SPEEDS_KMH
 from automcm_evaluation.framework.experiment import (
-    Experiment,
     ExperimentError,
     Settings,
     Values,
@@ -254,13 +253,5 @@ def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed:
     }
 
 
-EXPERIMENT = Experiment(
-    name="arrival",
-    title="Arrival with coordination and without (VI-B, Fig. 8)",
-    settings=ArrivalSetting,
-    cells=cells,
-    run=run,
-    summary=summary,
-    names=names,
-    figures=arrival_figures.figures,
-)
+TITLE = "Arrival with coordination and without (VI-B, Fig. 8)"
+SETTINGS = ArrivalSetting

@@ -16,7 +16,7 @@ COLOURS = {"with": "tab:blue", "without": "tab:orange"}
 FRAME = {"boxstyle": "round,pad=0.25", "fill": False, "edgecolor": "tab:red", "linewidth": 1.5}
 
 
-def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     """Fig. 8, and the gain over two parameters of the baseline."""
     yield "arrival", _arrival(report)
     yield "baseline", _grid(report)

@@ -13,9 +13,8 @@ from pydantic import Field
 
 from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
-from automcm_evaluation.bandwidth.bandwidth_figures import figures
-from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS, names, summary
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
+from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS
+from automcm_evaluation.framework.experiment import Settings, Values, blocks, grid
 from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -110,13 +109,5 @@ def _drives(values: Values, seeds: Sequence[int]) -> Values:
     return found
 
 
-EXPERIMENT = Experiment(
-    name="bandwidth",
-    title="Bytes on the air, event-driven and always on (Fig. 7)",
-    settings=Bandwidth,
-    cells=cells,
-    run=run,
-    summary=summary,
-    names=names,
-    figures=figures,
-)
+TITLE = "Bytes on the air, event-driven and always on (Fig. 7)"
+SETTINGS = Bandwidth

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     """Fig. 7 in each codec, and the scaling."""
     s = report["summary"]
     for name in CODECS:

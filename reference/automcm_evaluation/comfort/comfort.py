@@ -15,10 +15,10 @@ from pydantic import Field
 
 from automcm.applications.vehicle import STEP_S, Driving
 from automcm_evaluation.comfort import comfort_courses as courses
-from automcm_evaluation.comfort import comfort_figures, comfort_tables
+from automcm_evaluation.comfort import comfort_tables
 from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, Tracks, distance
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
+from automcm_evaluation.framework.experiment import Settings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -165,13 +165,5 @@ def fig6(setting: ComfortSetting) -> Values:
     }
 
 
-EXPERIMENT = Experiment(
-    name="comfort",
-    title="Speeds and comfort (Fig. 6, III-D)",
-    settings=Comfort,
-    cells=cells,
-    run=run,
-    summary=comfort_tables.summary,
-    names=comfort_tables.names,
-    figures=comfort_figures.figures,
-)
+TITLE = "Speeds and comfort (Fig. 6, III-D)"
+SETTINGS = Comfort

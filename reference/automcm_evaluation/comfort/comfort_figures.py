@@ -23,7 +23,7 @@ STYLES = {
 }
 
 
-def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     """Fig. 6, and costs by course."""
     yield "fig6", _speeds(report["summary"]["fig6"])
     yield "costs", _bars(report["summary"]["all"])

@@ -11,9 +11,9 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import Experiment, Json, Settings, Values, blocks, grid
-from automcm_evaluation.loss import loss_figures, loss_road, loss_sessions, loss_udp
-from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, names, summary
+from automcm_evaluation.framework.experiment import Json, Settings, Values, blocks, grid
+from automcm_evaluation.loss import loss_road, loss_sessions, loss_udp
+from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS
 
 BLOCK, ROAD_BLOCK = 2500, 20
 """Numbers of sessions and of drives in one cell."""
@@ -90,13 +90,5 @@ def run(values: Values, seed: int) -> Values:
     return loss_sessions.block(values, seed)
 
 
-EXPERIMENT = Experiment(
-    name="loss",
-    title="Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)",
-    settings=Loss,
-    cells=cells,
-    run=run,
-    summary=summary,
-    names=names,
-    figures=loss_figures.plots,
-)
+TITLE = "Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)"
+SETTINGS = Loss

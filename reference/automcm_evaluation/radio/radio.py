@@ -10,9 +10,9 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, blocks, grid
+from automcm_evaluation.framework.experiment import Settings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
-from automcm_evaluation.radio import radio_crowd, radio_figures, radio_sessions, radio_tables
+from automcm_evaluation.radio import radio_crowd, radio_sessions
 from automcm_evaluation.radio.radio_traffic import measured, ns3_measured, pooled
 from automcm_simulation.radio.table_radio import TableRadio
 
@@ -82,13 +82,5 @@ def _fit(values: Values, seed: int) -> Values:
     return {"busy": found["busy"], "rows": found["rows"]}
 
 
-EXPERIMENT = Experiment(
-    name="radio",
-    title="The paper's loss figures over a radio channel",
-    settings=Over,
-    cells=cells,
-    run=run,
-    summary=radio_tables.summary,
-    names=radio_tables.names,
-    figures=radio_figures.plots,
-)
+TITLE = "The paper's loss figures over a radio channel"
+SETTINGS = Over

@@ -16,11 +16,10 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm.links.simulated_radio import Channel
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
-from automcm_evaluation.safety import safety_figures, safety_road
+from automcm_evaluation.framework.experiment import Settings, Values, grid
+from automcm_evaluation.safety import safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Injected, Roles, drawn, inject
-from automcm_evaluation.safety.safety_tables import names, summary
 from automcm_simulation.road.hazard_measures import Watched, bound_ms, met
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
@@ -207,13 +206,5 @@ def together(outcomes: Sequence[Values], seeds: Sequence[int], b: int) -> Values
     return met(seeds, [each["hazards"] for each in outcomes], b) | counts
 
 
-EXPERIMENT = Experiment(
-    name="safety",
-    title="Hazards under random faults",
-    settings=Safety,
-    cells=cells,
-    run=run,
-    summary=summary,
-    names=names,
-    figures=safety_figures.figures,
-)
+TITLE = "Hazards under random faults"
+SETTINGS = Safety

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     """Lengths of hazards, mechanisms, and room on the road."""
     yield "hazards", _hazards(report)
     yield "mechanisms", _mechanism_bars(report["summary"])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 from automcm_evaluation.framework.experiment import Experiment, ExperimentError
 
@@ -12,11 +15,26 @@ MODULES = {name: f"{name}.{name}" for name in NAMES} | {
     "traffic": "traffic_experiment.traffic_experiment",
     "traffic-sweep": "traffic_experiment.traffic_sweep",
 }
+"""Each has TITLE, SETTINGS, ``cells`` and ``run``; beside it ``*_tables`` have ``summary`` and
+``names``, and ``*_figures`` have ``plots``."""
 
 
 def experiment(name: str) -> Experiment:
     """The experiment with that name.  Raises ExperimentError."""
     if name not in MODULES:
         raise ExperimentError(f"there is no experiment {name!r}; there are: {', '.join(MODULES)}")
-    found: Experiment = import_module(f"automcm_evaluation.{MODULES[name]}").EXPERIMENT
-    return found
+    module = f"automcm_evaluation.{MODULES[name]}"
+    beside = [f"{module.removesuffix('_experiment')}_{part}" for part in ("tables", "figures")]
+    parts = [import_module(each) for each in [module, *filter(find_spec, beside)]]
+    of = ChainMap[str, Any](*map(vars, parts))
+    return Experiment(
+        name=name,
+        title=of["TITLE"],
+        settings=of["SETTINGS"],
+        more_profiles=of.get("MORE_PROFILES", {}),
+        cells=of["cells"],
+        run=of["run"],
+        summary=of["summary"],
+        names=of["names"],
+        figures=of.get("plots", lambda report: iter(())),
+    )

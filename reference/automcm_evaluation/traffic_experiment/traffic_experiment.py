@@ -7,11 +7,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import Experiment, Settings, Values, grid
+from automcm_evaluation.framework.experiment import Settings, Values, grid
 from automcm_evaluation.traffic_experiment import (
     crowd_sessions,
     traffic_cell,
-    traffic_figures,
     traffic_tables,
 )
 
@@ -86,19 +85,11 @@ def _grid() -> tuple[Block, ...]:
     return tuple((t.ASKED, per_km, t.ASKED_SHARES, t.ASKED_SEEDS) for per_km in t.ASKED_DENSITIES)
 
 
-EXPERIMENT = Experiment(
-    name="traffic",
-    title="Traffic at scale",
-    settings=Scale,
-    more_profiles={
-        "standard": Scale(
-            blocks=(("merge", 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
-            crowds=traffic_tables.ASKED_SEEDS,
-        )
-    },
-    cells=cells,
-    run=run,
-    summary=traffic_tables.summary,
-    names=traffic_tables.names,
-    figures=traffic_figures.plots,
-)
+TITLE = "Traffic at scale"
+SETTINGS = Scale
+MORE_PROFILES = {
+    "standard": Scale(
+        blocks=(("merge", 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
+        crowds=traffic_tables.ASKED_SEEDS,
+    )
+}

@@ -13,7 +13,6 @@ from pydantic import Field
 
 from automcm_evaluation.framework.experiment import (
     Cell,
-    Experiment,
     ExperimentError,
     Settings,
     Values,
@@ -171,16 +170,12 @@ SUMS = *SESSIONS, "hazards"
 COLLISIONS = "between_equipped", "by_maneuver", "with_pedestrian", "all"
 COLUMNS = "runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"
 """Of the summary of a scenario."""
-EXPERIMENT = Experiment(
-    name="traffic-sweep",
-    title="Many short runs in traffic",
-    settings=Sweep,
-    cells=cells,
-    run=run,
-    summary=summary,
-    names=lambda report: {
-        "runs": len(report["cells"]),
-        "run_s": SECONDS,
-    },
-    figures=lambda report: iter(()),
-)
+
+
+def names(report: Values) -> Values:
+    """What the page uses."""
+    return {"runs": len(report["cells"]), "run_s": SECONDS}
+
+
+TITLE = "Many short runs in traffic"
+SETTINGS = Sweep
