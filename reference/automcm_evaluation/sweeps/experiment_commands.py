@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, progress, say, usage, write_json
+from automcm_cli.shared.common import code_3, example, progress, say, usage
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -61,7 +61,6 @@ def _command(name: str, about: str) -> None:
         changes: Changes = None,
         workers: Workers = 0,
         again: Again = False,
-        json_: Json = None,
     ) -> None:
         from automcm_evaluation.framework.experiment import ExperimentError
         from automcm_evaluation.sweeps import report, sweep
@@ -89,15 +88,12 @@ def _command(name: str, about: str) -> None:
                 made_of_them = report.assemble(one, about, cells)
                 written = report.write(made_of_them, folder)
                 reports.append(made_of_them)
-                if str(json_) != "-":
-                    took = time.monotonic() - begun
-                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+                took = time.monotonic() - begun
+                _show(made_of_them, len(cells), took, [path.name for path in written], folder)
             if name == "all":
                 whole = out.with_suffix(".md")
                 files.write(whole, report.evaluation(out))
-                if str(json_) != "-":
-                    say(f"written {whole}")
-        write_json(json_, reports)
+                say(f"written {whole}")
         broken = [text for one in reports for text in one["summary"].get("broken", [])]
         for text in broken:
             say(f"BROKEN: {text}", err=True)

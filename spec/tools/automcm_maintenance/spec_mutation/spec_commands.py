@@ -103,7 +103,6 @@ def spec_prove(
         list[str] | None,
         typer.Option(help="Leave this conjunct out of the invariant.  Repeatable."),
     ] = None,
-    json_: Json = None,
 ) -> None:
     """Prove S-1 to S-8 by an inductive invariant.
 
@@ -115,6 +114,5 @@ def spec_prove(
 
     with code_3("prove", *prove_commands.FAULTS), progress() as notify:
         report = prove_commands.run(without or [], step, notify)
-    if write_json(json_, report.as_dict()):
-        prove_commands.show(report, console_of())
+    prove_commands.show(report, console_of())
     raise typer.Exit(report.exit_code)
