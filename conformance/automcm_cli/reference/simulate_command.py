@@ -77,10 +77,6 @@ def drives(
     without: Annotated[
         str, typer.Option(help="Mechanism to take away: CAMs, perception, lengths, sigma, ...")
     ] = "",
-    by_sigma: Annotated[
-        bool,
-        typer.Option("--by-sigma", help="Drive each with position errors of 0, 0.5, 1 and 2 m."),
-    ] = False,
     workers: Annotated[int, typer.Option(help="Processes; 0: one per core.", min=0)] = 0,
     json_: Json = None,
 ) -> None:
@@ -96,16 +92,11 @@ def drives(
 
     if without and without not in WITHOUT:
         raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
-    sigmas = (0.0, 0.5, 1.0, 2.0) if by_sigma else (None,)
-    asked = [(each, without, sigma) for sigma in sigmas for each in range(seed, seed + count)]
     with progress() as notify:
-        found = sweep_report.driven(asked, workers, notify)
-    counted = sweep_report.counted(found, [sigma for sigma in sigmas if sigma is not None])
+        found = sweep_report.driven(range(seed, seed + count), without, workers, notify)
+    counted = sweep_report.counted(found)
     report = {"seed": seed, "drives": count, "without": without, **counted}
     if write_json(json_, report):
-        for sigma, outcomes in counted.get("sigmas", {}).items():
-            counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
-            say(f"sigma {sigma} m      {counts}")
         for kind, figures in counted["kinds"].items():
             counts = ", ".join(f"{number} {name}" for name, number in figures.items())
             say(f"{kind:<16} {counts}")

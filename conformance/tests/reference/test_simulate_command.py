@@ -66,16 +66,6 @@ def test_drives_are_counted_by_what_b_does() -> None:
     assert sum(kind["drives"] for kind in report["kinds"].values()) == 4
 
 
-@pytest.mark.slow
-def test_drives_by_sigma_are_counted_for_each_error() -> None:
-    code, said = run("simulate", "drives", "--drives", "2", "--by-sigma", "--json", "-")
-    report = json.loads(said)
-    assert code == 0 and list(report["sigmas"]) == ["0.0", "0.5", "1.0", "2.0"]
-    for outcomes in report["sigmas"].values():
-        assert outcomes["completed"] + outcomes["aborted"] == 2 and outcomes["bad"] == 0
-    assert "sigma 0.5 m" in run("simulate", "drives", "--drives", "1", "--by-sigma")[1]
-
-
 def test_app_2_a_bad_drive_is_exit_code_1_and_named_by_its_seed() -> None:
     args = ["--drives", "2", "--seed", "1", "--without", "any"]
     code, said = run("simulate", "drives", *args)
