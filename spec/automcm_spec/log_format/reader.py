@@ -161,7 +161,7 @@ def logs_below(paths: Iterable[Path]) -> list[Path]:
 
 
 MOST_WARNINGS = 20
-"""The maximum number of warnings that a stream keeps; ``LogStream.overlooked`` counts all."""
+"""The maximum number of warnings that a stream keeps."""
 
 
 class LogStream(_Described):
@@ -194,8 +194,6 @@ class LogStream(_Described):
         """Whether seq began above 1. What is missing there is no gap: the log was cut."""
         self.complete = False
         """Whether all events have been yielded, from the station's start on."""
-        self.overlooked = 0
-        """The number of warnings."""
         self.events = 0
         """The number of events yielded so far."""
         self._past_gaps = past_gaps
@@ -238,8 +236,7 @@ class LogStream(_Described):
             self.begins_late = True
         if notice.kind == "gap" and self.gap is None:
             self.gap = line, notice.problem
-        self.overlooked += 1
-        if self.overlooked <= MOST_WARNINGS:
+        if len(self.warnings) < MOST_WARNINGS:
             self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
 
 

@@ -132,8 +132,6 @@ def run(
     number of behaviours so far. Raises WalkError for a model that does not extend System,
     tlc.TlcError if TLC fails.
     """
-    if seconds is None and number is None:
-        raise ValueError("seconds or number is required")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in TLA.glob("*.tla")}
     if "System" not in models.extended(model.module, texts):
         raise WalkError(f"{model.name}: the module {model.module} must extend System")

@@ -24,22 +24,18 @@ INITIAL = "Initial predicate"
 class TlcError(Exception):
     """TLC gave no verdict. module and line locate the error, if TLC reported them.
 
-    partial is the progress of TLC, if it had begun. If TLC could not evaluate an expression, state
-    is the text of the state, and nested lists the places of the expressions; each may be missing.
+    partial is the progress of TLC, if it had begun.
     """
 
     own_lines = True
     """Line feeds in the text are TLC's own (``automcm_cli.shared.common.code_3``)."""
     partial: "Progress | None" = None
-    state: str | None = None
-    nested: str = ""
 
     def __init__(
         self, kind: ErrorKind, message: str, module: str | None = None, line: int | None = None
     ) -> None:
         super().__init__(message)
         self.kind: ErrorKind = kind
-        self.message = message
         self.module = module
         self.line = line
 
@@ -199,7 +195,6 @@ def run(
             return reader.result(cfg, code, complaint, time.monotonic() - started)
         except TlcError as error:
             error.partial = reader.progress
-            error.state = reader.last_state
             raise
 
 
@@ -345,7 +340,6 @@ class _Reader:
         self._loop: int | None = None
         self._states = self._distinct = self._depth = 0
         self.progress: Progress | None = None
-        self.last_state: str | None = None
 
     def read(self, lines: Iterable[str]) -> None:
         for raw in lines:
@@ -385,10 +379,9 @@ class _Reader:
                 head, _, state = block.text.partition("\n")
                 block.lines = [head]
                 self._trace = [TraceState(1, INITIAL, state)]
-        elif code == _STATE and self._violation:
-            self._state(block)
         elif code == _STATE:
-            self.last_state = block.text
+            if self._violation:
+                self._state(block)
         elif code == _STUTTERING:
             self._loop = len(self._trace)
         elif code == _BACK_TO_STATE:
@@ -516,6 +509,4 @@ def _tlc_error(errors: list[_Block], cfg: Path) -> TlcError:
     nested = [b for b in errors if b.code == _NESTED]
     # Of the nested expressions, the last is the innermost.
     module, line = _place("\n".join(reversed((nested[0] if nested else first).lines)))
-    error = TlcError(kind, _where(module, line) + text, module, line)
-    error.nested = nested[0].text if nested else ""
-    return error
+    return TlcError(kind, _where(module, line) + text, module, line)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from automcm_spec.vocabulary import rules, station
 from automcm_spec.vocabulary.conditions import Condition
@@ -124,10 +124,7 @@ def lacking(coverage: ConditionCoverage) -> list[str]:
     """A line for each condition that was ``never`` evaluated or had only one value, and one line
     for an operator of which none was evaluated."""
     lines = []
-    by_operator: dict[str, list[Condition]] = {}
-    for c in reached().conditions:
-        by_operator.setdefault(c.operator, []).append(c)
-    for operator, own in by_operator.items():
+    for operator, own in _by("operator", reached().conditions).items():
         if len(own) > 1 and _mark(coverage, own) == "never":
             lines.append(f"never {operator}:{own[0].line} ({len(own)} conditions)")
             continue
@@ -155,7 +152,7 @@ class SpecLine:
 
 def by_operator(coverage: ConditionCoverage) -> dict[str, list[SpecLine]]:
     """The text of Station.tla, by operator; the part before the first has an empty name."""
-    conditions, deciding = _by_line(reached().conditions), _by_line(reached().rules)
+    conditions, deciding = _by("line", reached().conditions), _by("line", reached().rules)
     return {
         name: [
             _line(coverage, number, text, conditions.get(number, []), deciding.get(number, []))
@@ -195,10 +192,11 @@ def annotated(coverage: ConditionCoverage) -> list[str]:
     return lines[:-1]
 
 
-def _by_line(conditions: Iterable[Condition]) -> dict[int, list[Condition]]:
-    found: dict[int, list[Condition]] = {}
+def _by(field: str, conditions: Iterable[Condition]) -> dict[Any, list[Condition]]:
+    """The conditions by the value of a field."""
+    found: dict[Any, list[Condition]] = {}
     for c in conditions:
-        found.setdefault(c.line, []).append(c)
+        found.setdefault(getattr(c, field), []).append(c)
     return found
 
 

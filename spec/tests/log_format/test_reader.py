@@ -26,7 +26,7 @@ def test_a_stream_gives_the_header_then_the_events_then_the_end(tmp_path: Path) 
     assert (log.header.station, log.ended, log.events) == (7, False, 0)
     assert [(line, event.seq) for line, event in log] == [(2, 1), (3, 2)]
     assert log.ended and log.events == 2
-    assert (log.gap, log.truncated, log.warnings, log.overlooked) == (None, False, [], 0)
+    assert (log.gap, log.truncated, log.warnings) == (None, False, [])
 
 
 def test_a_stream_ends_before_a_gap(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_what_is_good_before_rubbish_is_given(tmp_path: Path, rubbish: bytes, pr
 def test_a_last_line_that_was_being_written_is_cut(tmp_path: Path, tail: bytes) -> None:
     log = LogStream(write(tmp_path, HEADER, restart(1), tail))
     assert [line for line, _ in log] == [2]
-    assert log.truncated and not log.ended and log.overlooked == 2  # cut, and no end
+    assert log.truncated and not log.ended and len(log.warnings) == 2  # cut, and no end
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_warnings_are_kept_within_bounds(tmp_path: Path) -> None:
     songs = [restart(n, ev="song") for n in range(1, 101)]
     log = LogStream(write(tmp_path, HEADER, *songs, end(100)))
     assert not list(log)
-    assert (len(log.warnings), log.overlooked) == (MOST_WARNINGS, 100)
+    assert len(log.warnings) == MOST_WARNINGS < 100
 
 
 @pytest.mark.slow
