@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -27,6 +27,23 @@ Kind = Literal[
 not in this form. ``state``: another phase or role. ``overdue``: a timer did not expire. ``forged``:
 a received message differs from the sent one. ``property``: a system property (S-*, T-*) is
 violated. ``format``: a check of lint failed."""
+
+
+Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
+EXIT: dict[Answer, int] = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
+
+
+def answer(kind: Kind) -> Answer:
+    """The verdict for a kind of finding."""
+    if kind == "cannot_tell" or kind == "unreadable":
+        return kind
+    return "allowed" if kind == "nothing" else "diverges"
+
+
+def worst(answers: Iterable[Answer]) -> int:
+    """The exit code for the most severe verdict: diverges, then unreadable, then cannot tell."""
+    codes = {EXIT[answer] for answer in answers}
+    return next((code for code in (1, 3, 4) if code in codes), 0)
 
 
 class Where(NamedTuple):

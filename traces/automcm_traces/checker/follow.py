@@ -16,7 +16,7 @@ from automcm_spec.log_format.log import Event
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.engine import Engine
-from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
+from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, cannot_tell, unreadable
 from automcm_traces.checker.log_start import MID_SESSION, LogStart
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import CannotTell, InputStep, Track
@@ -138,7 +138,7 @@ class Check:
                 if self.over:
                     break
         except BadInput as error:
-            self.stop(unreadable(error))
+            self.finding = unreadable(error)
 
     def feed(self, at: int, event: Event) -> None:
         """Check the next event, unless the check is over."""
@@ -162,11 +162,6 @@ class Check:
             return
         for watcher in self._watchers:
             watcher.event(at, event, engine)
-
-    def stop(self, finding: Finding) -> None:
-        """End the check with a finding about the log, unless it is over."""
-        if not self.over:
-            self.finding = finding
 
     def end(self) -> None:
         """Take note that the log has no further event."""

@@ -278,20 +278,20 @@ class Search:
 
     def _sessions(self) -> None:
         """Leave out whole sessions, in all logs: first all except one, then each."""
-        wrong = self._wrong()
+        wrong, groups = self._wrong(), self._by_session()
+        for name in sorted(groups, reverse=True):
+            if groups[name] & wrong:
+                self._without({i for other in groups if other != name for i in groups[other]})
+        for name in sorted(self._by_session(), reverse=True):
+            self._without(self._by_session().get(name, set()))
+
+    def _by_session(self) -> dict[tuple[int, int], set[int]]:
+        """The items of each session in all logs."""
         groups: dict[tuple[int, int], set[int]] = {}
         for log in self.found.logs:
             for name, items in log.by_session().items():
                 groups.setdefault(name, set()).update(id(item) for item in items)
-        names = sorted(groups, reverse=True)
-        for name in names:
-            if groups[name] & wrong:
-                self._without({i for other in names if other != name for i in groups[other]})
-        for log_name in sorted(
-            {n for log in self.found.logs for n in log.by_session()}, reverse=True
-        ):
-            found = (log.by_session().get(log_name, ()) for log in self.found.logs)
-            self._without({id(item) for items in found for item in items})
+        return groups
 
     def _exchanges(self, n: int) -> None:
         """Leave out everything about one proposal, or about one message."""

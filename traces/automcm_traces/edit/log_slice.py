@@ -8,7 +8,7 @@ their delays, and a seq or proposal that nothing names any more is skipped.
 from __future__ import annotations
 
 import json
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -19,14 +19,7 @@ from pydantic import ValidationError
 
 from automcm_spec.log_format.event_text import session_of
 from automcm_spec.log_format.log import End, Event, Header, Send, record
-from automcm_spec.log_format.reader import (
-    LONGEST_LINE,
-    Log,
-    LogStream,
-    NotJsonError,
-    parse,
-    records,
-)
+from automcm_spec.log_format.reader import Log, LogStream, NotJsonError, parse, records
 from automcm_spec.support.bad_input import name_of
 
 Json = Any
@@ -68,6 +61,7 @@ class LogSlice:
         log = LogStream(path, past_gaps=True) if lines else LogStream(path, entries=records(path))
         with open(path, "rb") as stream:
             texts = list(islice(stream, lines or None))
+            last = (deque(stream, 1) or texts)[-1]
         items = []
         for line, event in log:
             items.append(Item(line, event, json.loads(texts[line - 1])))
@@ -77,7 +71,7 @@ class LogSlice:
         if items and json.loads(texts[1])["seq"] > 1:  # it is numbered anew: the header says it
             head["begins"] = "running"
             header = header.model_copy(update={"begins": "running"})
-        return LogSlice(name_of(path), header, head, _end(path), tuple(items))
+        return LogSlice(name_of(path), header, head, _end(last), tuple(items))
 
     def having(self, items: Sequence[Item]) -> LogSlice:
         """The same log with only these items."""
@@ -155,17 +149,12 @@ class LogSlice:
         return self.having([_renumbered(item, gone, station) for item in moved] if gone else moved)
 
 
-def _end(path: str | Path) -> dict[str, Json] | None:
+def _end(last: bytes) -> dict[str, Json] | None:
     """The end record of a log, if its last line is one."""
-    with open(path, "rb") as stream:
-        stream.seek(0, 2)
-        stream.seek(max(0, stream.tell() - LONGEST_LINE))
-        last = stream.read().splitlines()[-1:]
     try:
-        found = parse(last[0]) if last else None
+        return json.loads(last) if isinstance(parse(last), End) else None
     except (NotJsonError, ValidationError):
         return None
-    return json.loads(last[0]) if isinstance(found, End) else None
 
 
 def _retimed(items: Sequence[Item], left: set[int]) -> list[Item]:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import TypeAlias, get_args
 
 from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_spec.log_format.reader import LogStream
@@ -23,11 +23,10 @@ from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.reachable_steps import steps
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
-from automcm_traces.checker.finding import Finding, unreadable
+from automcm_traces.checker.finding import Answer, Finding, answer, unreadable, worst
 from automcm_traces.checker.follow import Check, Follower, Watcher, follow
 from automcm_traces.checker.track import INITIAL, InputStep, Track
 
-Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*get_args(MessageType), "CAM")
 REMEMBERED = 20_000
 """The number of distinct queries that are counted before they are evaluated."""
@@ -67,8 +66,8 @@ class LogCoverage:
     logs: int = 0
     events: int = 0
     steps: int = 0
-    problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
-    """File, line, kind and reason for each log that was not counted to its end."""
+    problems: list[tuple[str, int, Answer, str]] = field(default_factory=list)
+    """File, line, verdict and reason for each log that was not counted to its end."""
     counts: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     """How often each of the ``possible`` elements was seen; a phase, when an input came in it."""
     _conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
@@ -88,11 +87,8 @@ class LogCoverage:
             self._problem(check.finding, check.line)
 
     def _problem(self, found: Finding, last: int) -> None:
-        what: Problem = "diverges"
-        if found.kind == "cannot_tell" or found.kind == "unreadable":
-            what = found.kind
         line = found.at.line or last
-        self.problems.append((found.at.file, line, what, one_line(found.observed)))
+        self.problems.append((found.at.file, line, answer(found.kind), one_line(found.observed)))
 
     def count(self, track: Track, st: State, i: Input | None) -> None:
         """Count a query to the specification."""
@@ -180,18 +176,14 @@ def measure(paths: Iterable[Path], late_ms: int | None = None) -> LogCoverage:
     return coverage
 
 
-EXIT: dict[Problem, int] = {"diverges": 1, "unreadable": 3, "cannot_tell": 4}
-
-
 def exit_code(coverage: LogCoverage) -> int:
-    """0 if each log was counted to its end, otherwise the most severe of 1, 3, 4."""
-    codes = {EXIT[what] for _, _, what, _ in coverage.problems}
-    return next((code for code in (1, 3, 4) if code in codes), 0)
+    """0 if each log was counted to its end, otherwise that of the most severe problem."""
+    return worst(what for _, _, what, _ in coverage.problems)
 
 
 CONDITIONS = "conditions both ways"
 MOST_PROBLEMS = 10
-_PROBLEMS: dict[Problem, str] = {
+_PROBLEMS: dict[Answer, str] = {
     "diverges": "diverge",
     "unreadable": "cannot be read to their end",
     "cannot_tell": "are insufficient for a verdict to their end",

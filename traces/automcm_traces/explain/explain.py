@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal
 
 from automcm_spec.log_format.event_text import starts
 from automcm_spec.log_format.log import Event, Header, Receive
@@ -22,12 +21,14 @@ from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
     NOTHING_WRONG,
+    Answer,
     Finding,
-    Kind,
     Supposition,
     Where,
+    answer,
     cannot_tell,
     unreadable,
+    worst,
 )
 from automcm_traces.checker.follow import Check, Watcher
 from automcm_traces.checker.log_start import MID_SESSION
@@ -42,13 +43,6 @@ from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport, judge, judge_merged
 from automcm_traces.system.timeline import Recorder, Timeline
 
-Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
-ANSWERS: dict[Kind, Answer] = {
-    "nothing": "allowed",
-    "cannot_tell": "cannot_tell",
-    "unreadable": "unreadable",
-}
-"""The verdict for a kind of finding; all other kinds mean ``diverges``."""
 SESSIONS = 10
 """The maximum number of sessions shown; the last ones."""
 MOST = 100
@@ -144,7 +138,7 @@ class Verdict:
     @property
     def verdict(self) -> Answer:
         """The verdict as one word."""
-        return ANSWERS.get(self.finding.kind, "diverges")
+        return answer(self.finding.kind)
 
     def as_dict(self) -> dict[str, object]:
         """The ``--json`` form."""
@@ -363,13 +357,9 @@ def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:
     return [one.log for one in found if one.log is not None and one.complete]
 
 
-EXIT: dict[Answer, int] = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
-
-
 def exit_code(verdicts: Sequence[Verdict]) -> int:
-    """The exit code for the most severe verdict: diverges, then unreadable, then cannot tell."""
-    codes = Counter(EXIT[v.verdict] for v in verdicts)
-    return next((code for code in (1, 3, 4) if codes[code]), 0)
+    """The exit code for the most severe verdict."""
+    return worst(v.verdict for v in verdicts)
 
 
 # -- the verdict as text, the failing prefix, and the command to replay it

@@ -88,13 +88,9 @@ class Logs:
         """Whether every log has been readable so far."""
 
     def rows(self) -> Iterator[TableRow]:
-        """All rows, read lazily: several logs twice, to match their messages."""
+        """All rows, read lazily: each log twice, to match its messages."""
         paths = [self._paths[station] for station in self.stations]
-        if len(paths) == 1:
-            ledgers = [Ledger.of_unread(paths[0])]
-        else:
-            ledgers = [Ledger.of(LogStream(path, past_gaps=True)) for path in paths]
-        matches = Matches(ledgers)
+        matches = Matches([Ledger.of(LogStream(path, past_gaps=True)) for path in paths])
         fates = Fates(matches)
         feeds = [self._feed(i, fates) for i in range(len(paths))]
         for (row,) in ordered(feeds, matches.clocks.offsets()):

@@ -9,24 +9,25 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
 from automcm_spec.log_format.reader import Log
 from automcm_spec.model_checking import models
 from automcm_spec.model_checking.tla_values import Record
-from automcm_spec.support.bad_input import at_line
+from automcm_spec.support.bad_input import at_line, errors_of
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
+from automcm_spec.vocabulary.station import Message, State, Timer
 from automcm_traces.checker.follow import Watcher, follow
 from automcm_traces.checker.track import CannotTell, InputStep, Track
 from automcm_traces.export import behaviour_to_log, itf
 from automcm_traces.export.behaviour_effects import effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
-from automcm_traces.export.itf_validation import ModelState, model_states
 from automcm_traces.system.fates import Arrow
 
 TICK_MS = 100
@@ -126,6 +127,52 @@ def _behaviour(value: object) -> Behaviour:
         ticks += two.input in TICKS
         moves.append(_move(one, two, ticks))
     return Behaviour(model.cfg, model.module, model.config, moves)
+
+
+class ModelState(BaseModel):
+    """A state of a closed model, and the step that led to it."""
+
+    model_config = ConfigDict(strict=True)
+
+    st: tuple[State, ...]
+    net: frozenset[Message]
+    clock: tuple[dict[Timer, int] | tuple[()], ...] | None = None
+    """For each station of a timed model, by timer, the ticks until it is due."""
+    next: tuple[int, ...] | None = None
+    """For each station, the ticks until it sends a CAM."""
+    lost: tuple[int, ...] | None = None
+    """For each station, the ticks that its clock has lost (Drift.tla)."""
+    input: Annotated[list[Any], Field(min_length=1)]
+    """The input, in its JSON form."""
+    station: int = 0
+    """0 is the radio or time."""
+
+
+def model_states(states: Sequence[itf.ItfState]) -> list[ModelState]:
+    """Raises itf.ItfError, naming state and field, unless the states are stations with an input
+    each."""
+    found: list[ModelState] = []
+    for index, state in enumerate(states):
+        given = {"input": ["none"]} if index == 0 else {}
+        try:
+            one = ModelState.model_validate({**state.values, **given, **state.meta})
+        except ValidationError as error:
+            raise _refused(index, ": ".join(errors_of(error)[0])) from None
+        found.append(one)
+        stations, timed = len(found[0].st), found[0].clock is not None
+        for name in ("st", "clock", "next", "lost"):
+            value = getattr(one, name)
+            if value is None and timed and name != "lost":
+                raise _refused(index, f"{name}: missing")
+            if value is not None and len(value) != stations:
+                raise _refused(index, f"{name}: must have {stations} entries, one per station")
+        if not 0 <= one.station <= stations:
+            raise _refused(index, f"station: must be from 0 to {stations}")
+    return found
+
+
+def _refused(index: int, problem: str) -> itf.ItfError:
+    return itf.ItfError(f"state {index}: not a step of a station: {problem}")
 
 
 def _move(one: ModelState, two: ModelState, ticks: int) -> Move:

@@ -16,7 +16,7 @@ from automcm_spec.log_format.log import Event, Receive, Send, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Head, Item, Node
-from automcm_traces.system.matching import NOBODY, Ledger, Match, Matches, sender_of
+from automcm_traces.system.matching import NOBODY, Ledger, Matches, sender_of
 
 Fate = Literal[
     "delivered",
@@ -88,8 +88,6 @@ class Fates:
         """Why certain received messages cannot have been sent."""
         self._sent, self._received = [0] * len(matches.ledgers), [0] * len(matches.ledgers)
         """The number of messages so far, by log."""
-        self._own = Numbers()
-        """The numbers that the only log has sent so far, if it has not been read before."""
         self._copies: dict[tuple[int, int], Numbers] = defaultdict(Numbers)
         """By receiver and sender, the numbers received so far without a matching transmission."""
 
@@ -122,8 +120,6 @@ class Fates:
         i, n = node[0], self._sent[node[0]]
         self._sent[i] += 1
         me, places = self._matches.stations[i], self._matches.places
-        if self._matches.ledgers[i].unread:
-            self._own.add(transmission(event.tx)[1])
         for to in addressees(me, event.message, self._matches.stations):
             log = self._log(to) if to in places else None
             if log is None or (n not in log.arrived[i] and n not in log.refused[i]):
@@ -151,7 +147,8 @@ class Fates:
             return Arrow(source, me, "rejected", leaves, node, event.rejected)
         if m is None:
             return Arrow(ANYONE, me, "sender_unobserved", None, node)
-        match = self._match(node[0])
+        match = self._matches.match(node[0], self._received[node[0]])
+        self._received[node[0]] += 1
         if match is None:
             unmatched = self._unmatched(node, m, tx)
             return None if unmatched is None else Arrow(source_of(m), me, unmatched, None, node)
@@ -161,13 +158,6 @@ class Fates:
         fate: Fate = "duplicated" if match.again else "delivered" if addressed else "overheard"
         return None if source == me else Arrow(source, me, fate, match.sent, node)
 
-    def _match(self, i: int) -> Match | None:
-        if self._matches.ledgers[i].unread:
-            return None
-        n = self._received[i]
-        self._received[i] += 1
-        return self._matches.match(i, n)
-
     def _unmatched(self, node: Node, m: Fields, tx: str | None) -> Fate | None:
         """The fate of a message whose transmission is not logged; None for an echo."""
         me, sender = self._matches.stations[node[0]], sender_of(m, tx)
@@ -176,7 +166,7 @@ class Fates:
             again = not self._copies[me, sender].add(transmission(tx)[1])
             logged = self._matches.find(tx) is not None
         if sender in self._matches.places:
-            if sender == me and (tx is None or transmission(tx)[1] in self._own):
+            if sender == me and tx is None:
                 return None
             why = self._log(sender).not_sent(tx, logged)
             if why is not None:

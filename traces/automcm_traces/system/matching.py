@@ -13,11 +13,9 @@ from array import array
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Sequence
-from contextlib import suppress
 from hashlib import blake2b
 from itertools import pairwise
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
-from pathlib import Path
 from typing import NamedTuple
 
 from automcm_spec.log_format.log import Event, Header, Receive, Send, transmission
@@ -90,8 +88,8 @@ class Messages:
 class Ledger:
     """What matching needs of one log, and what the log promises to contain."""
 
-    def __init__(self, file: str, header: Header, *, unread: bool = False) -> None:
-        self.file, self.header, self.unread = file, header, unread
+    def __init__(self, file: str, header: Header) -> None:
+        self.file, self.header = file, header
         self.sends = self.receives = False
         """Whether it contains all messages sent, or received, from its first to its last event."""
         self.ended = True
@@ -110,17 +108,6 @@ class Ledger:
         self.refused: dict[int, Numbers] = defaultdict(Numbers)
         """By log, which of its sent messages this log shows as rejected."""
         self._events = 0
-
-    @staticmethod
-    def of_unread(path: Path) -> Ledger:
-        """The ledger of the only log: nothing of it can match. Raises BadInput if it has no
-        header."""
-        log = LogStream(path)
-        with suppress(BadInput):
-            next(iter(log), None)  # the first event tells whether the log begins late
-        made = Ledger(log.file, log.header, unread=True)
-        made._promise(log, 0)
-        return made
 
     @staticmethod
     def of(log: Log | LogStream) -> Ledger:

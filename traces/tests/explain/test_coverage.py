@@ -13,7 +13,8 @@ from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import TWO_PEERS, spec_hash
 from automcm_spec.vocabulary.messages import MessageType
 from automcm_spec.vocabulary.rules import RULES, kind
-from automcm_traces.explain.coverage import EXIT, LogCoverage, exit_code, measure, possible, text
+from automcm_traces.checker.finding import EXIT
+from automcm_traces.explain.coverage import LogCoverage, exit_code, measure, possible, text
 from automcm_traces.explain.explain import verdict_of
 
 
