@@ -8,13 +8,7 @@ from typing import Annotated
 import typer
 
 from automcm_cli.shared import completion
-from automcm_cli.shared.common import (
-    code_3,
-    console_of,
-    example,
-    progress,
-    unknown,
-)
+from automcm_cli.shared.common import code_3, console_of, example, progress, unknown
 from automcm_maintenance.documents.repository import ROOT
 
 app = typer.Typer()

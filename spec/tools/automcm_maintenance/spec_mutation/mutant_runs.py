@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -37,22 +37,21 @@ class MutationError(Exception):
 
 
 @dataclass(frozen=True)
-class Kill:
-    """A kill of a mutant by a model.  ``what``: the violated property, or another difference."""
+class _Found:
+    """The result of one run of TLC on a mutant: no difference (how is None), or its kind."""
 
-    model: str
-    how: How
+    how: How | Literal["invalid"] | None
     what: str
+    seconds: float
 
 
 @dataclass(frozen=True)
 class MutantOutcome:
-    """The result for a mutant.  invalid: it does not parse.  seconds: TLC's duration."""
+    """The result for a mutant.  invalid: it does not parse."""
 
     mutant: Mutant
-    kills: tuple[Kill, ...]
+    kills: tuple[_Found, ...]
     invalid: bool = False
-    seconds: float = 0
 
     @property
     def survived(self) -> bool:
@@ -75,14 +74,6 @@ class MutantOutcome:
             properties=self.properties,
             differs=[how for how in HOW if how in hows and how != "property"],
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """The row for ``--json``."""
-        return self.row.model_dump() | {
-            "invalid": self.invalid,
-            "kills": [asdict(kill) for kill in self.kills],
-            "seconds": round(self.seconds, 1),
-        }
 
 
 @dataclass
@@ -111,15 +102,6 @@ class MutationReport:
     def exit_code(self) -> int:
         """0 as expected, 1 not as expected, 4 if not complete."""
         return 4 if not self.complete else 1 if self.problems else 0
-
-
-@dataclass(frozen=True)
-class _Found:
-    """The result of one run of TLC on a mutant: no difference (how is None), or its kind."""
-
-    how: How | Literal["invalid"] | None
-    what: str
-    seconds: float
 
 
 class _Run:
@@ -163,40 +145,33 @@ class _Run:
 
         If there is none, the graph of one station is compared as well.
         """
-        kills: list[Kill] = []
-        seconds = 0.0
+        kills: list[_Found] = []
         with scratch.folder("mutant") as folder:
             for model in self._seeing(mutant):
                 for found in self._violated(mutant, model, folder, deep):
-                    seconds += found.seconds
                     if found.how == "invalid":
-                        return MutantOutcome(mutant, (), True, seconds)
+                        return MutantOutcome(mutant, (), invalid=True)
                     if found.how is not None:
-                        kills.append(Kill(model.cfg, found.how, found.what))
+                        kills.append(found)
                 hows = [kill.how for kill in kills]
                 if ("property" in hows and not deep) or hows.count("timeout") == TIMEOUTS:
                     break
             if mutant.module == "Station" and "property" not in {kill.how for kill in kills}:
-                found = self._graph(mutant, folder)
-                seconds += found.seconds
-                if found.how == "graph":
-                    kills.append(Kill("the oracle", "graph", found.what))
-        return MutantOutcome(mutant, tuple(kills), False, seconds)
+                kills += self._graph(mutant, folder)
+        return MutantOutcome(mutant, tuple(kills))
 
-    def _graph(self, mutant: Mutant, folder: Path) -> _Found:
-        """Whether the graphs of one station equal the oracles; the small one first."""
+    def _graph(self, mutant: Mutant, folder: Path) -> list[_Found]:
+        """The difference of a graph of one station from its oracle, if any; the small one first."""
         modules = {name: self._modules[name] for name in oracle_generation.MODULES}
         modules["Station"] = mutant.apply(modules["Station"])
         for name, text in modules.items():
             (folder / f"{name}.tla").write_bytes(text)
-        seconds = 0.0
         for graph in GRAPHS:
             key = hashlib.sha256(graph.name.encode() + b"".join(modules.values())).hexdigest()
             found = self._kept(key, partial(self._built, graph, folder))
-            seconds += found.seconds
             if found.how is not None:
-                return _Found(found.how, found.what, seconds)
-        return _Found(None, "", seconds)
+                return [found]
+        return []
 
     def _built(self, graph: oracle_generation.Graph, folder: Path) -> _Found:
         started = time.monotonic()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, get_args
+from typing import get_args
 
 import typer
 from rich.console import Console
@@ -72,22 +72,6 @@ def run(
     ids = {mutant.id for mutant in generate()}
     report.problems += mutant_results.problems(report.rows, known, ids)
     return report
-
-
-def as_dict(report: MutationReport) -> dict[str, Any]:
-    """The report as JSON."""
-    return {
-        "profile": report.profile,
-        "complete": report.complete,
-        "selected": report.selected,
-        "kinds": {
-            kind: dict(zip(HEADS, n, strict=True))
-            for kind, n in mutant_results.by_kind(report.rows).items()
-        },
-        "properties": mutant_results.by_property(report.rows),
-        "problems": report.problems,
-        "mutants": [outcome.as_dict() for outcome in report.outcomes],
-    }
 
 
 def show(report: MutationReport, console: Console) -> None:

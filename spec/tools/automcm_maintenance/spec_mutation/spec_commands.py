@@ -1,4 +1,4 @@
-"""``automcm spec pages``, ``mutate``, ``prove`` and ``bench``: for the quality of the models.
+"""``automcm spec pages``, ``mutate`` and ``prove``: for the quality of the models.
 
 Each command imports only the modules that it needs.
 """
@@ -10,15 +10,7 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.shared.common import (
-    Json,
-    code_3,
-    console_of,
-    example,
-    progress,
-    unknown,
-    write_json,
-)
+from automcm_cli.shared.common import code_3, console_of, example, progress, unknown
 
 app = typer.Typer()
 
@@ -65,7 +57,6 @@ def spec_mutate(
     write: Annotated[
         bool, typer.Option(help="With --profile deep: write the results, for the site.")
     ] = False,
-    json_: Json = None,
 ) -> None:
     """Run the models on mutants of the specification.
 
@@ -89,8 +80,7 @@ def spec_mutate(
             report = mutate_commands.run(profile, mutants, jobs, notify)
         if write and report.complete:
             mutant_results.write(report.rows)
-    if write_json(json_, mutate_commands.as_dict(report)):
-        mutate_commands.show(report, console_of(110))
+    mutate_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 
