@@ -35,10 +35,7 @@ GROUPS = {
         "Test vectors for the trajectory kernels and for signed messages.",
     ),
     "simulate": (
-        [
-            "automcm_cli.reference.simulate_command",
-            "automcm_cli.reference.traffic_command",
-        ],
+        ["automcm_cli.reference.simulate_command"],
         "Run scenarios on a simulated road, and in the traffic of SUMO.",
     ),
     "experiment": (
@@ -46,13 +43,11 @@ GROUPS = {
         "Run the experiments of the evaluation.",
     ),
     "keys": (["automcm_cli.reference.keys_commands"], "Keys and certificates of stations."),
-    "link": (["automcm_cli.reference.link_commands"], "Simulate the radio between stations."),
+    "link": (["automcm_cli.reference.station_commands"], "Simulate the radio between stations."),
     "conform": (
         [
-            *(
-                f"automcm_cli.conform.{name}"
-                for name in ("conform", "conform_explore", "conform_live")
-            ),
+            "automcm_cli.conform.conform",
+            "automcm_cli.conform.conform_live",
             f"{_MAINTENANCE}.code_mutation.certify",
         ],
         "Test a station in any language against the specification.",

@@ -20,14 +20,7 @@ from automcm_cli.shared.common import (
     usage,
     write_json,
 )
-from automcm_cli.shared.station_options import (
-    EVERYONE,
-    Broadcast,
-    Host,
-    Remote,
-    Settings,
-    chosen,
-)
+from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, chosen
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 

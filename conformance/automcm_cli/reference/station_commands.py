@@ -1,4 +1,4 @@
-"""``automcm station``, ``automcm adapter`` and ``automcm drive``."""
+"""``automcm station``, ``adapter``, ``drive`` and ``link relay``: processes that serve others."""
 
 from __future__ import annotations
 
@@ -13,15 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from automcm_cli.shared.common import code_3, usage
-from automcm_cli.shared.station_options import (
-    EVERYONE,
-    Broadcast,
-    Host,
-    Remote,
-    Settings,
-    chosen,
-)
+from automcm_cli.shared.common import code_3, example, two_numbers, usage
+from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, chosen
 from automcm_spec.support.bad_input import printable
 
 if TYPE_CHECKING:
@@ -31,6 +24,8 @@ if TYPE_CHECKING:
     from automcm.service.station_keys import StationKeys
     from automcm_spec.vocabulary.parameters import Parameters
 
+app = typer.Typer()
+"""The group ``link``; the other commands are at the top level."""
 Target = Annotated[
     int, typer.Option(help="station_id of the station to prescribe (0 = the first that answers).")
 ]
@@ -426,3 +421,49 @@ def adapter() -> None:
     from automcm.adapters.adapter_lines import main
 
     main()
+
+
+@app.command(epilog=example("link relay --port 47200 --loss 0.2 --delay 5:40"))
+def relay(
+    port: Annotated[
+        int, typer.Option(help="Port to listen on (0 = any free port).", min=0, max=65_535)
+    ] = 47_200,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies to lose.")] = 0.0,
+    duplicate: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of copies to duplicate.")
+    ] = 0.0,
+    reorder: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of copies to hold back.")
+    ] = 0.0,
+    delay: Annotated[str, typer.Option(help="Delay of a copy, MIN:MAX in ms.")] = "0:0",
+    seed: Annotated[int, typer.Option(help="Seed of losses, duplicates and delays.")] = 0,
+    allow_remote: Remote = False,
+    for_ms: For = None,
+) -> None:
+    """Forward each datagram to all other stations.
+
+    Datagrams can be lost, duplicated, delayed and reordered.  The relay runs until SIGTERM.
+    """
+    from automcm.links.simulated_radio import Channel
+    from automcm.service.station_process import stopping
+    from automcm_simulation.radio.relay import Relay
+
+    least, most = two_numbers(delay, ":", "MIN:MAX in ms, such as 2:40", "--delay")
+    if least > most:
+        raise typer.BadParameter(f"MIN exceeds MAX in {delay}", param_hint="--delay")
+    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=(least, most))
+
+    async def run(lines: Lines) -> None:
+        over = stopping(for_ms)
+        relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
+        lines.report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
+        try:
+            await over
+        finally:
+            relay.close()
+            lines.report(
+                {"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost}
+            )
+
+    carry_out("link relay", run)

@@ -25,11 +25,6 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@app.callback()
-def _group() -> None:
-    """Makes typer keep ``check`` as a subcommand."""
-
-
 @app.command(epilog=example("vectors check --kernel collide"))
 def check(
     kernel: Annotated[

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cli_stage import automcm
 
-from automcm_cli.reference import traffic_command
+from automcm_cli.reference import simulate_command
 from automcm_evaluation.traffic_experiment.traffic_sweep import COLLISIONS
 from automcm_simulation.road import figures
 
@@ -122,10 +122,10 @@ def test_every_hazard_that_must_not_be_is_counted(capsys: pytest.CaptureFixture[
         "radio": {"sent_bytes": 1, "cam_age_ms": {"p95": 2}, "longest_delay_ms": 50},
         "outcome": {},
     }
-    traffic_command._say(record, Path("out"), None)
+    simulate_command._say_traffic(record, Path("out"), None)
     said = capsys.readouterr().out
     assert "8, longest 1541 ms, 7 unexcused (S-5) or beyond B = 1540 ms" in said
     assert "T-2 and TLC assume less than 50 ms" in said
     record["radio"]["longest_delay_ms"] = 49
-    traffic_command._say(record, Path("out"), None)
+    simulate_command._say_traffic(record, Path("out"), None)
     assert "assume less" not in capsys.readouterr().out

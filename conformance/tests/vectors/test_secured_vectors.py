@@ -11,6 +11,7 @@ from typing import Any
 
 import cose_maker
 import pytest
+from cli_stage import automcm
 from cose_maker import cbor
 from cryptography.hazmat.primitives.asymmetric import ec
 from secured_maker import (
@@ -24,12 +25,10 @@ from secured_maker import (
     seal,
 )
 from secured_vectors import TABLES, text
-from typer.testing import CliRunner
 
 from automcm.security import certificates, envelope
 from automcm.security.verifier import Rejection
 from automcm_cli.reference import vector_adapter
-from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.vectors import vectors
 
@@ -106,15 +105,14 @@ def test_a_kernel_is_not_optional() -> None:
 
 
 def test_the_command_says_what_is_not_supported(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = CliRunner()
     monkeypatch.setattr(vector_adapter, "call", without)
-    answer = run.invoke(command.app, ["check"])
+    answer = automcm("vectors", "check")
     assert answer.exit_code == 0 and "envelope: not supported: no keys here\n" in answer.output
-    answer = run.invoke(command.app, ["check", "--json", "-"])
+    answer = automcm("vectors", "check", "--json", "-")
     report = json.loads(answer.output)
     assert report["not_supported"] == dict.fromkeys(vectors.SECURED, "no keys here")
     assert not {row["kernel"] for row in report["vectors"]} & set(vectors.SECURED)
-    answer = run.invoke(command.app, ["check", "--kernel", "envelope"])
+    answer = automcm("vectors", "check", "--kernel", "envelope")
     assert answer.exit_code == 3
     assert "vectors: envelope: not supported: no keys here\n" in answer.output
 

@@ -13,10 +13,9 @@ import jsonschema
 import mpmath
 import pytest
 import shapely
-from typer.testing import CliRunner
+from cli_stage import automcm
 
 from automcm_cli.reference import vector_adapter
-from automcm_cli.reference import vector_commands as command
 from automcm_conformance.adapter.kit_paths import VECTORS
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.code_mutation import faults
@@ -192,12 +191,10 @@ def test_an_implementation_that_falls_over_has_failed() -> None:
 
 # -- the command
 
-run = CliRunner()
-
 
 def test_the_command_agrees_with_the_reference(tmp_path: Path) -> None:
     report = tmp_path / "report.json"
-    answer = run.invoke(command.app, ["check", "--json", str(report)])
+    answer = automcm("vectors", "check", "--json", report)
     assert answer.exit_code == 0, answer.output
     rows = json.loads(report.read_text())["vectors"]
     assert [row["id"] for row in rows] == [case.id for case in CASES]
@@ -206,10 +203,10 @@ def test_the_command_agrees_with_the_reference(tmp_path: Path) -> None:
 
 
 def test_the_command_takes_one_kernel() -> None:
-    answer = run.invoke(command.app, ["check", "--kernel", "success", "--json", "-"])
+    answer = automcm("vectors", "check", "--kernel", "success", "--json", "-")
     rows = json.loads(answer.output)["vectors"]
     assert answer.exit_code == 0 and {row["kernel"] for row in rows} == {"success"}
-    answer = run.invoke(command.app, ["check", "--kernel", "sucess"])
+    answer = automcm("vectors", "check", "--kernel", "sucess")
     assert answer.exit_code == 2 and "success" in answer.output
 
 
@@ -220,10 +217,10 @@ def test_the_command_shows_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _shows_what_fails() -> None:
-    answer = run.invoke(command.app, ["check", "--kernel", "success"])
+    answer = automcm("vectors", "check", "--kernel", "success")
     assert answer.exit_code == 1
     case = of("success-once")
     for text in (case.id, case.purpose, case.bug, "sendings: expected 1, got 0"):
         assert text in answer.output
-    answer = run.invoke(command.app, ["check", "--kernel", "success", "--json", "-"])
+    answer = automcm("vectors", "check", "--kernel", "success", "--json", "-")
     assert answer.exit_code == 1 and not json.loads(answer.output)["vectors"][0]["ok"]
