@@ -7,7 +7,7 @@ import sys
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -42,12 +42,13 @@ class Settings(BaseModel):
 
 def captions(name: str, table: str) -> dict[str, str]:
     """Captions of an experiment: pages/captions.toml."""
-    found: dict[str, str] = _table("captions")[name][table]
+    found: dict[str, str] = data("captions")[name][table]
     return found
 
 
 @cache
-def _table(file: str) -> Values:
+def data(file: str) -> Values:
+    """What is in pages/FILE.toml."""
     return tomllib.loads((PAGES / f"{file}.toml").read_text(encoding="utf-8"))
 
 
@@ -79,15 +80,12 @@ class Experiment:
     names, too, in lower case; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
     """Name and drawing of each figure; only called if matplotlib is installed."""
-    more_profiles: Mapping[str, Settings] = field(default_factory=dict)
-    """Besides those in pages/profiles.toml."""
 
     @property
     def profiles(self) -> dict[str, Settings]:
-        """The settings of each profile."""
-        given = _table("profiles").get(self.name, {})
-        made = {profile: self.settings.model_validate(of) for profile, of in given.items()}
-        return {**made, **self.more_profiles}
+        """The settings of each profile, from pages/profiles.toml."""
+        given = data("profiles")[self.name]
+        return {profile: self.settings.model_validate(of) for profile, of in given.items()}
 
     def set(self, profile: str, changes: Mapping[str, Json]) -> Settings:
         """The settings of a profile, with some of them changed.

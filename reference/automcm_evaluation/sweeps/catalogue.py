@@ -31,7 +31,6 @@ def experiment(name: str) -> Experiment:
         name=name,
         title=of["TITLE"],
         settings=of["SETTINGS"],
-        more_profiles=of.get("MORE_PROFILES", {}),
         cells=of["cells"],
         run=of["run"],
         summary=of["summary"],

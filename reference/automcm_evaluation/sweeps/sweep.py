@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from importlib import resources
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
@@ -32,17 +31,12 @@ from automcm_evaluation.framework.experiment import (
 )
 from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_maintenance.code_mutation import faults
+from automcm_maintenance.documents import repository
 from automcm_spec.support import children, files
 
 SOURCES = [
-    Path(str(resources.files(name)))
-    for name in (
-        "automcm",
-        "automcm_evaluation",
-        "automcm_simulation",
-        "automcm_spec",
-        "automcm_traces",
-    )
+    repository.SOURCES[f"automcm{part}"]
+    for part in ("", "_evaluation", "_simulation", "_spec", "_traces")
 ]
 ENDINGS = ".py", ".json", ".xml", ".osm"
 

@@ -8,11 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm_evaluation.framework.experiment import Settings, Values, grid
-from automcm_evaluation.traffic_experiment import (
-    crowd_sessions,
-    traffic_cell,
-    traffic_tables,
-)
+from automcm_evaluation.traffic_experiment import crowd_sessions, traffic_cell
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Number = Annotated[int, Field(ge=1, le=500)]
@@ -79,17 +75,5 @@ def run(values: Values, seed: int) -> Values:
     return traffic_cell.run(values, seed)
 
 
-def _grid() -> tuple[Block, ...]:
-    """What was asked for."""
-    t = traffic_tables
-    return tuple((t.ASKED, per_km, t.ASKED_SHARES, t.ASKED_SEEDS) for per_km in t.ASKED_DENSITIES)
-
-
 TITLE = "Traffic at scale"
 SETTINGS = Scale
-MORE_PROFILES = {
-    "standard": Scale(
-        blocks=(("merge", 40.0, (0.5, 1.0), traffic_tables.ASKED_SEEDS), *_grid()),
-        crowds=traffic_tables.ASKED_SEEDS,
-    )
-}

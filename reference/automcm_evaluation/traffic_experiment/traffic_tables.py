@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean as mean
 
 from automcm.applications.occupancy import HARDEST
-from automcm_evaluation.framework.experiment import Cell, Values, chosen, groups
+from automcm_evaluation.framework.experiment import Cell, Values, chosen, data, groups
 from automcm_evaluation.framework.intervals import quantile
 from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
 from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
@@ -195,11 +195,8 @@ def _all_ask(crowds: Sequence[Cell]) -> list[Values]:
     return found
 
 
-ASKED_DENSITIES = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
-ASKED_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-ASKED_SEEDS = 20
 ASKED = "lane-change-4"
-"""The grid that the profile ``standard`` runs."""
+"""The scenario of the grid that the profile ``standard`` runs."""
 
 
 def coverage(road: Sequence[Values]) -> Values:
@@ -209,15 +206,17 @@ def coverage(road: Sequence[Values]) -> Values:
         for row in road
         if row["scenario"] == ASKED and row["variant"] == "stations"
     }
-    seeds = [[ran.get((per_km, share), 0) for share in ASKED_SHARES] for per_km in ASKED_DENSITIES]
+    grid = [block for block in data("profiles")["traffic"]["standard"]["blocks"] if ASKED in block]
+    rows = [
+        {"per_km": per_km, "seeds": [ran.get((per_km, share), 0) for share in shares]}
+        for _, per_km, shares, _ in grid
+    ]
+    _, _, shares, seeds = grid[0]
     return {
-        "shares": ASKED_SHARES,
-        "rows": [
-            {"per_km": per_km, "seeds": row}
-            for per_km, row in zip(ASKED_DENSITIES, seeds, strict=True)
-        ],
-        "asked": len(ASKED_DENSITIES) * len(ASKED_SHARES) * ASKED_SEEDS,
-        "ran": sum(min(number, ASKED_SEEDS) for row in seeds for number in row),
+        "shares": shares,
+        "rows": rows,
+        "asked": len(rows) * len(shares) * seeds,
+        "ran": sum(min(number, seeds) for row in rows for number in row["seeds"]),
     }
 
 

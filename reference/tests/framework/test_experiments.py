@@ -43,7 +43,6 @@ class Thrown:
             name="dice",
             title="Dice",
             settings=Dice,
-            more_profiles={"quick": Dice(), "standard": Dice(throws=9)},
             cells=lambda s: [{"sides": n, "throws": s.throws} for n in s.sides],
             run=self.run,
             summary=lambda cells: {"sum": sum(sum(c.result["thrown"]) for c in cells)},
@@ -61,7 +60,8 @@ def dice(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFacto
     for module in (sweep, report):
         monkeypatch.setattr(module, "experiment", lambda name: made)
     monkeypatch.setattr(experiment, "PAGES", pages)
-    monkeypatch.setattr(experiment, "_table", lambda file: {})
+    profiles = {"quick": {}, "standard": {"throws": 9}}
+    monkeypatch.setattr(experiment, "data", lambda file: {"dice": profiles})
     return thrown
 
 

@@ -15,6 +15,8 @@ from automcm_maintenance.benches.plugin import Figure
 
 SESSIONS, T_TIMEOUT = 200, 2000
 """At each loss; the default, in ms."""
+UNITS = {("after_ms", "ms"): 0.25, ("sent", "messages"): 0.5}
+"""Of the figures, with the bar of each."""
 losses = pytest.mark.parametrize("loss", [0, 10, 20, 40])
 
 
@@ -26,24 +28,14 @@ def mean(loss: int, close: CloseWindow | None, of: str) -> float:
 
 
 @losses
-def bench_fixed_ms(loss: int, figure: Figure) -> None:
-    """The mean time."""
-    figure(mean(loss, None, "after_ms"), "ms")
+@pytest.mark.parametrize(("of", "unit"), UNITS)
+def bench_fixed(loss: int, of: str, unit: str, figure: Figure) -> None:
+    """The mean time, and the messages for each agreement."""
+    figure(mean(loss, None, of), unit)
 
 
 @losses
-def bench_early_ms(loss: int, figure: Figure) -> None:
-    """The mean time."""
-    figure(mean(loss, all_answered, "after_ms"), "ms", beside=("fixed_ms", 0.25))
-
-
-@losses
-def bench_fixed_messages(loss: int, figure: Figure) -> None:
-    """For each agreement."""
-    figure(mean(loss, None, "sent"), "messages")
-
-
-@losses
-def bench_early_messages(loss: int, figure: Figure) -> None:
-    """For each agreement."""
-    figure(mean(loss, all_answered, "sent"), "messages", beside=("fixed_messages", 0.5))
+@pytest.mark.parametrize(("of", "unit"), UNITS)
+def bench_early(loss: int, of: str, unit: str, figure: Figure) -> None:
+    """The same."""
+    figure(mean(loss, all_answered, of), unit, beside=("fixed", UNITS[of, unit]))
