@@ -7,8 +7,7 @@ parameter; the code of the service is unchanged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 from automcm_maintenance.code_mutation import faults
@@ -19,7 +18,7 @@ PARAMETERS = Parameters(clock_drift=0)
 """The clocks here have no drift, and a margin would hide a wrong lease (ACT-4)."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Ablation:
     """An ablation disables ``rule``.
 
@@ -28,40 +27,27 @@ class Ablation:
     """
 
     name: str
-    rule: str
-    breaks: str
-    model: str
     text: str
-    parameters: Parameters = PARAMETERS
+    fault: Fault | None = None
+    rule: str = ""
+    breaks: str = ""
+    model: str = ""
     unseen: str = ""
     """The reason why random faults may not show the effect."""
-    fault: Fault | None = None
+    t_timeout: int = PARAMETERS.t_timeout
 
-    @contextmanager
-    def applied(self) -> Iterator[None]:
+    @property
+    def parameters(self) -> Parameters:
+        """Those of all stations."""
+        return replace(PARAMETERS, t_timeout=self.t_timeout)
+
+    def applied(self) -> AbstractContextManager[None]:
         """Take the mechanism away from all stations of this process."""
-        if self.fault is None:
-            yield
-            return
-        with faults.put(self.fault):
-            yield
+        return faults.put(self.fault) if self.fault and self.fault.edits else nullcontext()
 
 
-def _of(fault: Fault) -> Ablation:
-    n = fault.notice
-    timeout = {"t_timeout": n["t_timeout"]} if "t_timeout" in n else {}
-    return Ablation(
-        fault.name,
-        n["rule"],
-        n["property"],
-        n["model"],
-        fault.story,
-        replace(PARAMETERS, **timeout),
-        n.get("unseen", ""),
-        fault if fault.edits else None,
-    )
-
-
-WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away")
-ABLATIONS = tuple(map(_of, faults.load("ablations").values()))
+WHOLE = Ablation("whole protocol", "nothing is taken away")
+ABLATIONS = tuple(
+    Ablation(f.name, f.story, f, **f.notice) for f in faults.load("ablations").values()
+)
 BY_NAME = {ablation.name: ablation for ablation in (WHOLE, *ABLATIONS)}

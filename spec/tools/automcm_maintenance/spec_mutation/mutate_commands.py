@@ -10,11 +10,9 @@ from typing import get_args
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.spec_mutation import mutant_results, mutant_runs
-from automcm_maintenance.spec_mutation.mutant_results import HEADS
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS
 from automcm_maintenance.spec_mutation.mutant_runs import MutationError, MutationReport, Profile
 from automcm_maintenance.spec_mutation.mutants import MissingPackage, Mutant, generate, sample
@@ -75,18 +73,9 @@ def run(
 
 
 def show(report: MutationReport, console: Console) -> None:
-    """Print the tables, the survivors and the problems."""
-    table = Table(title="Mutants: what finds them", title_justify="left", box=None)
-    table.add_column("kind", no_wrap=True)
-    for name in HEADS:
-        table.add_column(name, justify="right")
-    for kind, numbers in mutant_results.by_kind(report.rows).items():
-        table.add_row(kind, *(str(n) if n else "-" for n in numbers))
-    console.print(table)
-    killed = mutant_results.by_property(report.rows)
-    first = "" if report.profile == "deep" else " (the first to find a mutant)"
-    texts = ", ".join(f"{name} {n}" for name, n in killed.items())
-    console.print(f"Killed by property{first}: {texts}", soft_wrap=True)
+    """Print the figures, the survivors and the problems."""
+    results = mutant_results.MutationResults(inputs=mutant_results.present(), mutants=report.rows)
+    console.print(escape(results.summary), soft_wrap=True)
     for o in report.outcomes:
         if o.survived or o.invalid:
             word = "Invalid " if o.invalid else "Survived"
