@@ -111,10 +111,6 @@ LOGGED_AS = {"arm": "timer", "stop": "timer", "expire": "timer", "cam": "receive
 """The kinds of effect and input that have another name in the promises of a log."""
 
 
-def _type(i: Input) -> str:
-    return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
-
-
 def unseen(
     t: Track, event: Event, effect: LoggedEffect | None, promised: frozenset[str]
 ) -> Iterator[tuple[Input, bool, bool]]:
@@ -176,7 +172,8 @@ def _answers(
     first: dict[tuple[object, ...], Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
         if alphabet.offered(st, i):
-            key = i if i.kind == "expire" else i.kind, _type(i), alphabet.decide(me, st, i)
+            named = i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
+            key = i if i.kind == "expire" else i.kind, named, alphabet.decide(me, st, i)
             first.setdefault(key, i)  # an equal effect has an equal outcome
     found: dict[tuple[object, ...], tuple[Input, bool, frozenset[LoggedEffect]]] = {}
     for (kind, type_, _), i in first.items():

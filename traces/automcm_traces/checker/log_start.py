@@ -26,6 +26,8 @@ LEFT = ("fallback", "finished", "no_participants")
 """The indications of a step that ends in STANDALONE."""
 OPENING = ("Advertisement", "Intention")
 """The messages that a station sends when it enters a session."""
+OUTLIVING = ("backoff", "forget", "giveup", "quarantine")
+"""The timers that outlive a session."""
 MID_SESSION = "the log begins in mid-session"
 
 
@@ -45,11 +47,15 @@ class LogStart:
         if isinstance(event, Restart):
             self.since_ms = event.t_ms
             return True
-        if _begins_step(event) and self._forgotten(event.t_ms):
+        since_ms, wait_ms = self.since_ms, self._wait
+        forgotten = since_ms is not None and wait_ms is not None and event.t_ms > since_ms + wait_ms
+        if _begins_step(event) and forgotten:
             return True
-        if _opens(event) or event.phase not in (None, "STANDALONE"):
+        if opens(event) or event.phase not in (None, "STANDALONE"):
             self.since_ms = None
-        elif _lasts_on(event) or self.since_ms is None:
+        elif self.since_ms is None or (
+            isinstance(event, TimerArm) and event.timer.name in OUTLIVING  # of a restart unlogged
+        ):
             known = self.since_ms is not None or shows_standalone(event)
             self.since_ms = event.t_ms if known else None
         return False
@@ -63,11 +69,6 @@ class LogStart:
             return False
         stopped = event.op == "stop" and self._restarting
         return stopped or event.timer.name in ("forget", "backoff")
-
-    def _forgotten(self, t_ms: int) -> bool:
-        if self.since_ms is None or self._wait is None:
-            return False
-        return t_ms > self.since_ms + self._wait
 
 
 def remembered_for(p: Known) -> int | None:
@@ -93,14 +94,9 @@ def shows_standalone(event: Event) -> bool:
     return event.phase == "STANDALONE"
 
 
-def _opens(event: Event) -> bool:
+def opens(event: Event) -> bool:
+    """Whether the station enters a session."""
     return isinstance(event, Send) and event.message["type"] in OPENING
-
-
-def _lasts_on(event: Event) -> bool:
-    """Whether a timer is armed that outlives a session, perhaps by a restart without a record."""
-    names = ("backoff", "forget", "giveup", "quarantine")
-    return isinstance(event, TimerArm) and event.timer.name in names
 
 
 def _begins_step(event: Event) -> bool:

@@ -161,11 +161,6 @@ class Track:
         return next(found, None)
 
 
-def number_of(m: Message) -> int:
-    """The seq of a message in the specification: its proposal, 1, or 0 for an answer."""
-    return _about(m)[0] or 1 if m.seq else 0
-
-
 def _about(m: Message) -> tuple[int, bool, str]:
     """The proposal, the accepted flag and the reason of a message, or defaults."""
     match m:
@@ -408,7 +403,8 @@ def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:
     proposal, accepted, reason = _about(m)
     reason = reason if reason in REASONS else "as_sent"
     ids = m.type, m.src, m.dst, m.session
-    message = spec.Message(*ids, number_of(m), proposal, accepted, reason, of)
+    number = proposal or 1 if m.seq else 0  # an answer has none
+    message = spec.Message(*ids, number, proposal, accepted, reason, of)
     content = {} if event.planned is None else {"planned": event.planned}
     return SpecInput(spec.Receive("receive", message, bool(content)), what, m, content)
 

@@ -211,7 +211,7 @@ class VerdictCheck(Check):
             header=log.header,
             first_ms=self.first_ms,
             judged_from=self.judged_from,
-            hint="; ".join(filter(None, (self._hints.hint(self), self._rejections.hint()))),
+            hint="; ".join(filter(None, (self._hints.hint(self), *self._rejections.hints()))),
             rejected=ordered(self._rejections.reasons),
         )
         if engine is None or not self.decided:

@@ -29,7 +29,7 @@ from automcm_spec.vocabulary.station import Station
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges, Seen
 from automcm_traces.checker.follow import Check, Follower, Watcher
-from automcm_traces.checker.log_start import OPENING, shows_standalone
+from automcm_traces.checker.log_start import OPENING, opens, shows_standalone
 from automcm_traces.checker.track import CannotTell, Track, received
 
 KEPT: Final = 20
@@ -72,7 +72,8 @@ class Hints(Watcher):
             if event.planned is None and (session := _advertised(event)) is not None:
                 kept = list(self._not_planned.items())[1 - KEPT :]
                 self._not_planned = dict([*kept, (session, event)])
-        self._begun = self._begun or _begins(event)
+        begins = opens(event) or isinstance(event, Restart) or shows_standalone(event)
+        self._begun = self._begun or begins
 
     def _time(self, t_ms: int) -> None:
         gap = t_ms - self._last_ms
@@ -160,12 +161,6 @@ def _advertised(event: Receive) -> tuple[int, int] | None:
         case [int(p), int(n)]:
             return p, n
     return None
-
-
-def _begins(event: Event) -> bool:
-    """Whether an event shows the station outside a session, or entering one."""
-    opens = isinstance(event, Send) and event.message["type"] in OPENING
-    return opens or isinstance(event, Restart) or shows_standalone(event)
 
 
 def _in_a_session(d: Diverges, track: Track) -> bool:

@@ -103,7 +103,7 @@ def wrapped(parts: Sequence[Word], width: int) -> list[str]:
     texts = [safe(part.text) for part in parts]
     ranked = sorted(range(len(parts)), key=lambda n: parts[n].rank)
     for n, shorter in [(k, text) for k in ranked for text in parts[k].shorter]:
-        if _size(_line(texts)) <= width:
+        if _size(" ".join(filter(None, texts))) <= width:
             break
         texts[n] = safe(shorter)
     lines = [""]
@@ -116,10 +116,6 @@ def wrapped(parts: Sequence[Word], width: int) -> list[str]:
     if len(lines) > MOST_LINES:
         lines[MOST_LINES - 1 :] = [" ".join([lines[MOST_LINES - 1], *lines[MOST_LINES:]])]
     return [fitted(line, width).rstrip() for line in lines]
-
-
-def _line(texts: Iterable[str]) -> str:
-    return " ".join(filter(None, texts))
 
 
 def _size(text: str) -> int:

@@ -73,12 +73,9 @@ class Rejections(Watcher):
         self.reasons[reason] += 1
         self._from[sender][reason] += 1
 
-    def hint(self) -> str:
-        """Why nobody answered, if one cause explains it: all messages of a station were rejected
-        for it; empty if there is none."""
-        return "; ".join(self._hints())
-
-    def _hints(self) -> Iterator[str]:
+    def hints(self) -> Iterator[str]:
+        """Why nobody answered, where one cause explains it: all messages of a station were rejected
+        for it."""
         for sender, reasons in sorted(self._from.items()):
             heard = sender in self._accepted or (sender == ANYONE and self._accepted)
             if heard or reasons.total() < LEAST or len(set(map(cause_of, reasons))) > 1:

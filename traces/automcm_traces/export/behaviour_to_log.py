@@ -178,7 +178,7 @@ class _LogBuilder:
             "role": h.effects.after.role,
         }
         received_message = self._input(n, h, now, more)
-        for m in sorted(h.effects.messages, key=_order):
+        for m in sorted(h.effects.messages, key=lambda m: (m.type == "Ack", canonical(m))):
             self._send(h, m, now, received_message)
         for timer in sorted(h.effects.stop, key=canonical):
             me.open.pop(timer, None)
@@ -255,7 +255,8 @@ class _LogBuilder:
         """The content that an application gives."""
         lease_ms = self._lease.get((session, proposal), LEASE_MS)
         plain = ADVERTISED | {"planned": PLANNED, "hold_ms": 2000, "lease_ms": lease_ms}
-        return plain[name] if name in plain else _trajectory(proposal)
+        trajectory = {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * proposal, 0]]}
+        return plain.get(name, trajectory)
 
     def _forget(self, h: BehaviourStep) -> None:
         """A station that forgets sessions also forgets their seqs (ADV-8, END-8)."""
@@ -422,10 +423,6 @@ def _cam_message(station: int, now: int, marks: frozenset[Session]) -> dict[str,
     return wire_forms.cam(NAMES, station, marks, now, now * 8)
 
 
-def _trajectory(proposal: int) -> dict[str, Json]:
-    return {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * proposal, 0]]}
-
-
 class _Names:
     def station(self, station: int) -> int:
         return real_id(station)
@@ -441,8 +438,3 @@ def plain(m: Message) -> Message:
     """A message as the radio of the model represents it (Plain in Network.tla)."""
     is_named = m.reason in REASONS
     return m if is_named else m._replace(reason="as_sent")
-
-
-def _order(m: Message) -> tuple[bool, str]:
-    """The sending order of the messages of one step: new messages before Acks."""
-    return m.type == "Ack", canonical(m)

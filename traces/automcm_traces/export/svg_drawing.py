@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
+from itertools import chain
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
@@ -65,7 +66,8 @@ def drawing(
     With ``absolute``, times are those of the logs, each on its own clock. With ``unfold``, each
     copy of a message is an arrow.
     """
-    arrows = [a for of in merged.arrows.values() for a in of if _drawn(merged, a)]
+    every = chain.from_iterable(merged.arrows.values())
+    arrows = [a for a in every if a.fate == "rejected" or not _event(merged, a).is_cam]
     named = {station for a in arrows for station in (a.source, a.to)}
     stations = sorted({*merged.stations, *named} - {ANYONE})
     phases = _phases(merged)
@@ -156,11 +158,6 @@ def _folded(
     return [
         Fold(fold.first[1], fold.times) for fold in folded(items, key) if fold.first[1] is not None
     ]
-
-
-def _drawn(merged: Merged, arrow: Arrow) -> bool:
-    """Whether an arrow is drawn: it is no CAM, or a rejected message, which may be any."""
-    return arrow.fate == "rejected" or not _event(merged, arrow).is_cam
 
 
 def _start(arrow: Arrow) -> Node:

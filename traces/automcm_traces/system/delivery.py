@@ -8,17 +8,8 @@ from dataclasses import dataclass
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Node
-from automcm_traces.system.fates import ANYONE, Arrow, Fate, addressees
+from automcm_traces.system.fates import ANYONE, FATES, Arrow, Fate, addressees
 from automcm_traces.system.log_merge import Merged, sends
-
-OUTCOMES: tuple[Fate, ...] = (
-    "delivered",
-    "duplicated",
-    "rejected",
-    "lost",
-    "in_flight",
-    "unobserved",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +54,7 @@ class Deliveries:
         for ((i, _), to), outcome in self.outcomes.items():
             if to != ANYONE:
                 found[f"{self._merged.stations[i]}-{to}"][outcome] += 1
-        return {way: {o: n[o] for o in OUTCOMES if n[o]} for way, n in sorted(found.items())}
+        return {way: {o: n[o] for o in FATES if n[o]} for way, n in sorted(found.items())}
 
     def between(
         self, src: int, dst: int, first: int = 0, last: int | None = None, type_: str = ""

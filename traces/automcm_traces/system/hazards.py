@@ -10,6 +10,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
@@ -346,7 +347,8 @@ def _between(world: World, acts: Period, target: int, departure: Moment) -> list
         ms = world.log(target).header.known.get("t_cam_loss") or DEFAULTS["t_cam_loss"]
         ahead = world.elapsed(target, departure.t_ms - ms, acts.station, 0)
         if ahead is not None:
-            first, to = (world.place_at(acts.station, t - ahead.best) for t in (0, ms))
+            times = [event.t_ms for _, event in world.log(acts.station).events]
+            first, to = (bisect_left(times, t - ahead.best) for t in (0, ms))
             when = f" in the {ms} ms before"
             found.append(_count(world, acts.station, target, first, to - 1, "CAM", when))
     if departure.cause != "stopped":

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import islice, takewhile
 
-from automcm_spec.log_format.log import ApplicationIndication, Event, Receive, Send
+from automcm_spec.log_format.log import ApplicationIndication, Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_traces.system.delivery import Deliveries
@@ -143,27 +143,13 @@ class World:
             return None
         return gap.low >= 0
 
-    def step(self, station: int, m: Moment) -> list[Event]:
-        """The effects of an input: sent messages, timers and indications, up to the next input."""
-        found: list[Event] = []
-        events = self.log(station).events
-        for k in range(m.at + 1, len(events)):
-            event = events[k][1]
-            if event.is_input or event.is_cam:
-                break
-            found.append(event)
-        return found
-
     def told(self, station: int, m: Moment) -> str:
         """The indications at a moment, such as ``, told fallback(cam_loss)``; empty if there are
         none."""
         names = []
-        for event in self.step(station, m):
+        events = (event for _, event in islice(self.log(station).events, m.at + 1, None))
+        for event in takewhile(lambda e: not (e.is_input or e.is_cam), events):
             if isinstance(event, ApplicationIndication):
                 reason = (event.indication.model_extra or {}).get("reason")
                 names.append(event.indication.name + (f"({reason})" if reason else ""))
         return f", told {', '.join(names)}" if names else ""
-
-    def place_at(self, station: int, t_ms: int) -> int:
-        """The index of the first event of a station at or after a time on its clock."""
-        return bisect_left(self.log(station).events, t_ms, key=lambda entry: entry[1].t_ms)

@@ -37,6 +37,7 @@ def html(page: Page) -> bytes:
     script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
     templates = environment(VIEWER, autoescape=True)
     first, last = _part(page, data)
+    differ = () if page.comparison is None else text(page.comparison.diff, width=120)
     page_text = templates.get_template("page.html").render(
         title=safe(page.title),
         style=style,
@@ -45,7 +46,7 @@ def html(page: Page) -> bytes:
         data=compact(data),
         two=page.comparison is not None,
         verdicts=list(_verdicts(data)),
-        difference=_difference(page),
+        difference=list(map(safe, differ)),
         rows=_table(page, first, last),
         shown=last - first,
         number=len(page.nodes),
@@ -86,13 +87,6 @@ def _verdicts(data: dict[str, Json]) -> Iterator[str]:
             word = verdict["verdict"].replace("_", " ").upper()
             event = f": {verdict['event']}" if verdict["event"] else ""
             yield safe(f"{side}{where}: {word}{event}")
-
-
-def _difference(page: Page) -> list[str]:
-    """The result of ``automcm trace diff`` for two runs."""
-    if page.comparison is None:
-        return []
-    return [safe(line) for line in text(page.comparison.diff, width=120)]
 
 
 def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, int, str]]:

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from automcm_spec.log_format.reader import Log
-from automcm_traces.edit.canonical_log import CanonicalEvent
-from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
+from automcm_traces.edit.log_diff import Diff, diff_logs
 from automcm_traces.system.event_order import Node
 from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import PageRun
@@ -25,8 +24,8 @@ class Comparison:
     """For each station compared, the logs of A and of B."""
     beside: dict[Node, Node] = field(default_factory=dict)
     """Events of A and the equal events of B: they share a row."""
-    ends: list[tuple[Node | None, Node | None]] = field(default_factory=list)
-    """For each station compared, the first events that differ; (None, None) if there are none."""
+    ends: list[list[Node | None]] = field(default_factory=list)
+    """For each station compared, the first events of A and B that differ; None if there is none."""
 
 
 def compare(a: PageRun, b: PageRun, stations: Mapping[int, int] | None = None) -> Comparison:
@@ -41,29 +40,21 @@ def compare(a: PageRun, b: PageRun, stations: Mapping[int, int] | None = None) -
     logs = [*a.logs, *b.logs]
     places = {log.file: i for i, log in enumerate(a.logs)}
     others = {log.file: len(a.logs) + i for i, log in enumerate(b.logs)}
-    made = Comparison(found, [*a.ahead(), *b.ahead()])
+    made = Comparison(found, [*a.merged.clocks.offsets(), *b.merged.clocks.offsets()])
     firsts: list[tuple[int, Node, Node]] = []
     for one in found.stations:
         i, j = places[one.file_a], others[one.file_b]
         at = [{line: k for k, (line, _) in enumerate(logs[n].events)} for n in (i, j)]
         pairs = [((i, at[0][x]), (j, at[1][y])) for x, y in one.pairs]
         made.logs.append((i, j))
+        made.ends.append([])
         made.beside |= dict(pairs)
-        made.ends.append(_ends(one, (i, j), at))
+        events = (None, None) if (d := one.difference) is None else (d.a, d.b)
+        for n, side, event in zip((i, j), at, events, strict=True):
+            made.ends[-1].append(None if event is None else (n, side[event.line]))
         firsts += [(_t_ms(logs, pairs[0][0]) - made.ahead[i], *pairs[0])] if pairs else []
     _align(made, logs, len(a.logs), sorted(firsts))
     return made
-
-
-def _ends(
-    one: StationDiff, logs: tuple[int, int], at: list[dict[int, int]]
-) -> tuple[Node | None, Node | None]:
-    d = one.difference
-
-    def node(side: int, event: CanonicalEvent | None) -> Node | None:
-        return None if event is None else (logs[side], at[side][event.line])
-
-    return (None, None) if d is None else (node(0, d.a), node(1, d.b))
 
 
 def _align(made: Comparison, logs: list[Log], n: int, firsts: list[tuple[int, Node, Node]]) -> None:

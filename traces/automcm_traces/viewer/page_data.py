@@ -83,7 +83,7 @@ def of_runs(
     note = " ".join(run.note for run in (a, b) if run is not None and run.note)
     comparison = None if b is None else compare(a, b, stations)
     runs = [a] if b is None else [a, b]
-    ahead = a.ahead() if comparison is None else comparison.ahead
+    ahead = a.merged.clocks.offsets() if comparison is None else comparison.ahead
     title = title or " | ".join(run.title for run in runs)
     page = Page(title, runs, [], ahead, comparison=comparison, note=note)
     beside = {} if comparison is None else comparison.beside
@@ -177,30 +177,23 @@ def _logs(page: Page, row_of: dict[Node, int]) -> list[Json]:
     found: list[Json] = []
     for n, run in enumerate(page.runs):
         first = len(found)
-        for i in range(len(run.logs)):
-            found.append({"run": n, **_log(page, run, i, first, row_of)})
+        for i, (log, history) in enumerate(zip(run.logs, run.histories, strict=True)):
+            no_end = "goes on" if run.note else "no end"
+            found.append(
+                {
+                    "run": n,
+                    "station": log.header.station,
+                    "file": log.file,
+                    "header": run.vendor[log.file].get(1) or _plain(log.header),
+                    "end": no_end if log.end is None else log.end.reason,
+                    "why_not": history.why_not,
+                    "due": history.due,
+                    "diverges": _divergence(run, i, first, row_of),
+                    "ahead": page.ahead[first + i],
+                    "before": log.events[0][1].seq - 1 if log.events else 0,  # the part shown
+                }
+            )
     return found
-
-
-def _log(page: Page, run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> dict[str, Json]:
-    log = run.logs[i]
-    return {
-        "station": log.header.station,
-        "file": log.file,
-        "header": run.vendor[log.file].get(1) or _plain(log.header),
-        "end": _end(run, log),
-        "why_not": run.histories[i].why_not,
-        "due": run.histories[i].due,
-        "diverges": _divergence(run, i, first, row_of),
-        "ahead": page.ahead[first + i],
-        "before": log.events[0][1].seq - 1 if log.events else 0,  # the part shown
-    }
-
-
-def _end(run: PageRun, log: Log) -> str:
-    if log.end is not None:
-        return log.end.reason
-    return "goes on" if run.note else "no end"
 
 
 def _divergence(run: PageRun, i: int, first: int, row_of: dict[Node, int]) -> int:
@@ -254,13 +247,10 @@ def _rows(
         lines[i], times = at, event.t_ms
     pairs = [_copies(of_run, len(page.nodes)) for of_run in keys]
     found["copy"] = [sum(backs) for backs in zip(*pairs, strict=True)]
-    columns: dict[str, Json] = {name: _folded(column) for name, column in found.items()}
+    columns: dict[str, Json] = {  # a column with a single distinct value as that value
+        name: column[0] if len({*column}) == 1 else column for name, column in found.items()
+    }
     return columns | {"kinds": "".join(kinds), "texts": texts.values, "bodies": bodies.values}
-
-
-def _folded(column: list[int]) -> Json:
-    """A column with a single distinct value as that value."""
-    return column[0] if column and len(set(column)) == 1 else column
 
 
 def _plain(record: Header | Event) -> dict[str, Json]:

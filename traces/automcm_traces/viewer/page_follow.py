@@ -63,24 +63,15 @@ class StateHistory:
 def values(t: Track) -> dict[str, object]:
     """The variables of a station, with the names of Station.tla, as plain JSON."""
     st = t.state
-    return {
-        "phase": st.phase,
-        "role": st.role,
+    return st._asdict() | {
         "session": f"{t.session[0]}/{t.session[1]}" if t.session else "none",
         "recorded": sorted(st.recorded),
         "withdrawn": sorted(st.withdrawn),
-        "target": st.target,
-        "proposal": st.proposal,
-        "deciding": st.deciding,
-        "watching": t.last_cam_ms is not None,
-        "number": st.number,
         "joined": {str(p): n for p, n in sorted(st.joined)},
         "outbox": [
             f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {e.message.seq}"
             for e in t.outbox
         ],
-        "quarantine": st.quarantine,
-        "backoff": st.backoff,
     }
 
 

@@ -63,10 +63,6 @@ class PageRun:
         some = ", ".join(map(str, stations[:4])) + (", …" if stations[4:] else "")
         return f"{self.merged.run}: {some}"
 
-    def ahead(self) -> list[int]:
-        """For each log, how many ms its clock is most likely ahead of the first one."""
-        return self.merged.clocks.offsets()
-
     def judged(self) -> dict[str, Json]:
         """The verdicts, and the report on all logs together."""
         return {
