@@ -101,6 +101,15 @@ def test_differences_are_in_the_words_of_json() -> None:
     ]
 
 
+@pytest.mark.parametrize("field", ["seq", "session"])
+def test_a_value_that_the_station_chooses_is_not_null(field: str) -> None:
+    chosen = {"seq": None} if field == "seq" else {"session": [1, None]}
+    expected = Required(messages=[FIN | chosen], fresh=[3])
+    ((_, text, _),) = answers.differences(expected, line(messages=[FIN | chosen]))
+    assert text.startswith(f"Fin.{field}: expected") and "a number" in text
+    assert not answers.differences(expected, line(messages=[FIN]))
+
+
 def test_many_messages_that_are_missing_are_counted() -> None:
     sent = [{"type": "Cancel", "session": [1, 1], "seq": n, "dst": n} for n in range(2, 18)]
     first, more = answers.differences(Required(messages=sent), line())
