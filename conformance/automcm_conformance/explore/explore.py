@@ -11,37 +11,17 @@ import gc
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from random import Random
 
-from automcm_conformance.adapter.adapter import Adapter, LineByLine
-from automcm_conformance.adapter.protocol import Refused
-from automcm_conformance.exchange import records, transcript
-from automcm_conformance.exchange.deciding import deciding
-from automcm_conformance.exchange.exchange import (
-    Broken,
-    Exchange,
-    LineLink,
-    Mismatch,
-    Step,
-    Unpredicted,
-    Wrong,
-)
-from automcm_conformance.exchange.results import (
-    BROKE,
-    NONDETERMINISTIC,
-    CaseResult,
-    Deciding,
-    Exploration,
-)
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.exchange import records
+from automcm_conformance.exchange.confirmation import in_fresh_process
+from automcm_conformance.exchange.exchange import Exchange, Mismatch, Unpredicted, Wrong
+from automcm_conformance.exchange.results import BROKE, CaseResult, Exploration
 from automcm_conformance.exchange.wire import LONG, LONG_MS, VALUES
-from automcm_conformance.explore.walk_shrinking import (
-    HANG,
-    FailingWalk,
-    Shrinker,
-    pair_of,
-    rule_of,
-)
+from automcm_conformance.explore.walk_shrinking import FailingWalk, Shrinker, pair_of, rule_of
 from automcm_conformance.explore.walks import (
     JUDGED,
     Act,
@@ -53,13 +33,12 @@ from automcm_conformance.explore.walks import (
 )
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Notify, Runner
+from automcm_conformance.suite.purposes import input_kind
 from automcm_conformance.suite.verdicts import failure, implementation
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
-from automcm_spec.support import files
 from automcm_spec.support.collection import uncollected
-from automcm_spec.vocabulary.station import Cam, Command, Expire, Receive
 
 GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
 LENGTHS = (20, 60, 120)
@@ -117,8 +96,6 @@ class Explorer:
         spec_hash = next(iter(oracles.values())).spec_hash
         self.found = Exploration(implementation(runner), seed, spec_hash)
         self._known: set[tuple[str, ...]] = set()
-        self._last: list[Step] = []
-        """The steps of the last attempt."""
 
     def run(self, more: Callable[[int], bool]) -> None:
         """Walk while ``more``, called with the number of walks, returns true."""
@@ -183,12 +160,7 @@ class Explorer:
             self._handle_failure(new, wrong)
 
     def _exchange(
-        self,
-        coverage: WalkCoverage,
-        setting: Setting,
-        *,
-        predict: bool = False,
-        link: LineLink | None = None,
+        self, coverage: WalkCoverage, setting: Setting, *, predict: bool = False
     ) -> Exchange:
         return self.runner.exchange(
             coverage.oracle,
@@ -196,149 +168,76 @@ class Explorer:
             rich=setting.rich,
             values=setting.values,
             predict=predict,
-            link=link,
         )
 
     # -- judging
 
     def _handle_failure(self, each: Walk, error: Wrong) -> None:
-        """Shorten and report a failing walk, unless an equal failure is known."""
-        coverage, runner, adapter = each.coverage, self.runner, self.runner.adapter
-        refused = isinstance(error, Broken) and isinstance(error.error, Refused)
-        if not refused:  # a line too many or too few may have put the station out of step
-            adapter.renew()
-        signature = _signature(coverage.oracle, error)
+        """Confirm, shorten and report a failing walk, unless an equal failure is known."""
+        oracle, adapter = each.coverage.oracle, self.runner.adapter
+        self.runner.resynchronize(error)
+        signature = _signature(oracle, error)
         if signature in self._known:
             self.found.again += 1
             return
         self._known.add(signature)
-        broken = adapter.broken, adapter.hung
-        adapter.renew()  # a new process without memory
-        again = self._attempt(each, each.setting, each.acts, None)
-        if again is None:
-            self._flaky(each, error, None)
-            return
-        self._known.add(_signature(coverage.oracle, again))
-        rule = rule_of(coverage.oracle, again)
-        shrinker = Shrinker(
-            coverage,
-            lambda setting, acts: self._attempt(each, setting, acts, rule),
-            runner.timed,
-            lambda: self._broken,
-        )
-        try:
-            short = shrinker.shrink(FailingWalk(each.setting, each.acts, again))
-            confirmed = self._confirm(each, short, rule)
-        except KeyboardInterrupt:
-            self._report(each, again, len(each.acts))
-            raise
-        adapter.broken, adapter.hung = broken  # repetitions do not count
-        if confirmed is None:
-            self._flaky(each, short.error, short)
-            return
-        self._known.add(_signature(coverage.oracle, confirmed))
-        pair = pair_of(confirmed)
-        if pair is not None:
-            coverage.avoided.add(pair)
-        self._report(each, confirmed, short.sent)
-
-    @property
-    def _broken(self) -> int:
-        """Crashes; a hang counts as several."""
-        return self.runner.adapter.broken + (HANG - 1) * self.runner.adapter.hung
-
-    def _confirm(self, each: Walk, short: FailingWalk, rule: str) -> Wrong | None:
-        """The failure in a new process, sent line by line as a replay is.
-
-        None if the walk does not fail there, or not a second time in the same process: then the
-        station keeps state over a reset.
-        """
-        self.runner.adapter.renew()
-        error = self._attempt(each, short.setting, short.acts, rule, singly=True)
-        if error is None or (isinstance(error, Broken) and error.kind == "hang"):
-            return error
-        again = self._attempt(each, short.setting, short.acts, rule)
-        return None if again is None else error
+        counts = adapter.broken, adapter.hung
+        error, unconfirmed = in_fresh_process(adapter, error, repeated=False)
+        acts = each.acts
+        if not unconfirmed:
+            self._known.add(_signature(oracle, error))
+            attempt = partial(self._attempt, each, rule_of(oracle, error))
+            shrinker = Shrinker(each.coverage, attempt, self.runner.timed, adapter)
+            try:
+                short = shrinker.shrink(FailingWalk(each.setting, acts, error))
+                acts = short.acts
+                error, unconfirmed = in_fresh_process(adapter, short.error, repeated=True)
+            except KeyboardInterrupt:
+                self._report(each, error, len(acts))
+                raise
+            adapter.broken, adapter.hung = counts  # repetitions do not count
+        self._known.add(_signature(oracle, error))
+        if (pair := pair_of(error)) is not None and not unconfirmed:
+            each.coverage.avoided.add(pair)
+        self._report(each, error, min(error.steps[-1].place + 1, len(acts)), unconfirmed)
 
     def _attempt(
-        self,
-        each: Walk,
-        setting: Setting,
-        acts: Sequence[Act],
-        rule: str | None,
-        *,
-        singly: bool = False,
+        self, each: Walk, rule: str, setting: Setting, acts: Sequence[Act]
     ) -> Wrong | None:
-        """Play one walk; returns its failure if that breaks ``rule`` (None: any rule)."""
-        link = LineByLine(self.runner.adapter) if singly else None
-        x = self._exchange(each.coverage, setting, link=link)
+        """Play one walk; returns its failure if that breaks ``rule``."""
+        x = self._exchange(each.coverage, setting)
         try:
             walk(x, acts, setting)
             x.flush()
         except Wrong as error:
-            self._last = error.steps
             self.runner.resynchronize(error)
-            return error if rule in (None, rule_of(each.coverage.oracle, error)) else None
-        self._last = x.done
+            return error if rule == rule_of(each.coverage.oracle, error) else None
         return None
 
-    # -- reports
-
-    def _flaky(self, each: Walk, error: Wrong, short: FailingWalk | None) -> None:
-        """Report a failure that did not occur again with the same lines; keeps both logs."""
-        sent = len(each.acts) if short is None else short.sent
-        case = self._report(each, error, sent, again=False)
-        number = len(self.found.cases)
-        for name, steps in (("first", error.steps), ("again", self._last)):
-            log = self._log(f"{number}-{name}", case.id, steps)
-            case.reason += f"; {name}: {log}"
-
-    def _log(self, name: str, case: str, steps: Sequence[Step]) -> str:
-        """Write an exchange as a log, or as plain text if it has no form as a log."""
-        if log := records.log_of(self._folder, name, case, steps, self.runner.adapter.hello):
-            return log
-        lines = (
-            f"{line.now} {line.who}: {line.text}\n" for line in transcript.exchange(list(steps))
-        )
-        files.write(self._folder / "logs" / f"{name}.txt", "".join(lines))
-        return f"logs/{name}.txt"
-
-    def _report(self, each: Walk, error: Wrong, acts: int, *, again: bool = True) -> CaseResult:
-        self.runner.adapter.renew()  # the last attempt may have left lines behind
-        pair = pair_of(error)
-        oracle = each.coverage.oracle
+    def _report(self, each: Walk, error: Wrong, acts: int, unconfirmed: str = "") -> None:
+        runner, oracle, case = self.runner, each.coverage.oracle, each.id(self.seed)
+        runner.labelled(oracle, pair_of(error), error, None, unconfirmed=unconfirmed)
+        described = failure(runner, case, 1, error, self._folder)
+        name = case.replace("/", "-")
         rule = rule_of(oracle, error)
-        error.unconfirmed = "" if again else NONDETERMINISTIC
-        error.deciding = Deciding(rule) if pair is None else deciding(oracle, error, pair)
-        case = each.id(self.seed)
-        described = failure(self.runner, case, 1, error, self._folder)
-        rules = [rule] if rule else []
         given = f"a walk over {each.coverage.name} with {each.faults}"
-        result = CaseResult(
-            case, error.verdict, rules, "MUST", given, "", "", "", "", described.what
+        self.found.cases.append(
+            CaseResult(
+                *(case, error.verdict, [rule] if rule else [], "MUST", given, "", "", "", ""),
+                reason=described.what,
+                failures=[described],
+                log=records.log_of(self._folder, name, case, error.steps, runner.adapter.hello),
+            )
         )
-        result.failures = [described]
-        self.found.cases.append(result)
         self.found.acts[case] = acts
-        return result
 
 
 def _signature(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
     """Equal failures have equal signatures: rule, kind of input, wrong parts of the answer."""
     pair = pair_of(error)
-    value = None if pair is None else oracle.inputs[pair[1]]
-    subject = ""
-    match value:
-        case Receive(message=message):
-            subject = message.type
-        case Cam(src=src):
-            subject = str(src)
-        case Expire(timer=timer):
-            subject = timer[0]
-        case Command(name=name):
-            subject = name
+    about = "nothing" if pair is None else input_kind(oracle.inputs[pair[1]])
     parts = error.parts if isinstance(error, Mismatch) else {error.difference}
-    return rule_of(oracle, error), value.kind if value else "nothing", subject, *sorted(parts)
+    return rule_of(oracle, error), about, *sorted(parts)
 
 
 def explore(

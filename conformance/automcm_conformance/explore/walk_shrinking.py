@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
+from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.exchange import Broken, Wrong
 from automcm_conformance.exchange.play import offered
 from automcm_conformance.exchange.tours import Pair
@@ -71,8 +72,7 @@ class Shrinker:
     coverage: WalkCoverage
     attempt: Attempt
     timed: bool
-    broken: Callable[[], int]
-    """The number of crashes so far; a hang counts as HANG crashes."""
+    adapter: Adapter
     runs: int = RUNS
     near: int = NEAREST
     _max_broken: int = 0
@@ -80,7 +80,12 @@ class Shrinker:
     @property
     def _ended(self) -> bool:
         """Whether the attempts are used up."""
-        return self.runs <= 0 or self.broken() >= self._max_broken
+        return self.runs <= 0 or self._broken >= self._max_broken
+
+    @property
+    def _broken(self) -> int:
+        """The number of crashes so far; a hang counts as HANG crashes."""
+        return self.adapter.broken + (HANG - 1) * self.adapter.hung
 
     def shrink(self, found: FailingWalk) -> FailingWalk:
         """A short walk that breaks the same rule as ``found``."""
@@ -88,7 +93,7 @@ class Shrinker:
         if kind == "hang":
             return found
         self.runs = STARTS if kind else RUNS
-        self._max_broken = self.broken() + STARTS
+        self._max_broken = self._broken + STARTS
         if pair_of(found.error) is None:  # not even the first input was reached
             return self._try(Setting(self.timed), []) or self._try(found.setting, []) or found
         best = self._from_afar(self._as_timed(found) if self.timed else found)

@@ -557,7 +557,7 @@ class Runner:
         if isinstance(error, Mismatch) and error.parts == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self.labelled(part, pair, error, purpose, why, unconfirmed=unconfirmed)
+        fault = self.labelled(part.oracle, pair, error, purpose, why, unconfirmed=unconfirmed)
         if tally is None:
             self.elsewhere = self.elsewhere or fault
             return
@@ -568,7 +568,7 @@ class Runner:
 
     def labelled(
         self,
-        part: PairPart,
+        oracle: Oracle,
         pair: Pair | None,
         error: Wrong,
         purpose: Purpose | None,
@@ -578,8 +578,8 @@ class Runner:
     ) -> Wrong:
         """A wrong answer with what decides ``pair``; without one, with the case's first rule."""
         decided = Deciding(purpose.rules[0] if purpose else "")
-        if pair is not None and part.oracle.answer(*pair) is not None:
-            decided = deciding(part.oracle, error, pair)
+        if pair is not None and oracle.answer(*pair) is not None:
+            decided = deciding(oracle, error, pair)
         if isinstance(error, Mismatch) and error.problems[0].kind == MARKS:
             decided = Deciding("ACT-5")
         elif isinstance(error, Mismatch) and error.problems[0].kind == BACK_OFF:

@@ -52,7 +52,9 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
         wrong, unconfirmed = runner.confirmed(tally, error, repeated=True)
         steps = wrong.steps
         pair = deciding_pair(part.oracle, wrong)
-        tally.faults.append(runner.labelled(part, pair, wrong, purpose, unconfirmed=unconfirmed))
+        tally.faults.append(
+            runner.labelled(part.oracle, pair, wrong, purpose, unconfirmed=unconfirmed)
+        )
     runner.notes.append(watch.note)
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
@@ -107,7 +109,7 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
         runs.append(wrong[-1].steps if wrong else x.done)
     if wrong:
         found, unconfirmed = runner.confirmed(tally, wrong[0], repeated=len(wrong) == 2)
-        fault = runner.labelled(part, pair, found, tally.purpose, unconfirmed=unconfirmed)
+        fault = runner.labelled(part.oracle, pair, found, tally.purpose, unconfirmed=unconfirmed)
         tally.faults.append(fault)
         return
     tally.log = _log(runner, folder, tally.purpose.id, runs[0])
@@ -117,7 +119,7 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
             differs = Mismatch(runs[1], [Problem("answer", what)])
             why = NONDETERMINISTIC
             tally.faults.append(
-                runner.labelled(part, pair, differs, tally.purpose, unconfirmed=why)
+                runner.labelled(part.oracle, pair, differs, tally.purpose, unconfirmed=why)
             )
             return
 
