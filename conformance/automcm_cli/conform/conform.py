@@ -28,7 +28,7 @@ from automcm_cli.shared.common import (
     usage,
     write_json,
 )
-from automcm_conformance.adapter.new_adapter import FILES
+from automcm_conformance.adapter.new_adapter import LANGUAGES
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support import files
 
@@ -303,7 +303,7 @@ def new(
         Path, typer.Argument(help="Folder for the adapter; it must be new or empty.")
     ],
     language: Annotated[
-        Literal[tuple(sorted(FILES))],  # type: ignore[valid-type]
+        Literal[tuple(LANGUAGES)],  # type: ignore[valid-type]
         typer.Option(help="Language of the adapter."),
     ] = "python",
 ) -> None:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
@@ -14,21 +14,8 @@ from pydantic.json_schema import models_json_schema
 from automcm_conformance.adapter import protocol
 from automcm_spec.vocabulary.json_schema import Generator, document, text
 
-COMMANDS: tuple[type[BaseModel], ...] = (
-    protocol.Hello,
-    protocol.Reset,
-    protocol.Receive,
-    protocol.CommandLine,
-    protocol.Advance,
-    protocol.Restart,
-    protocol.Durations,
-    protocol.Stop,
-)
-ANSWERS: tuple[type[BaseModel], ...] = (
-    protocol.HelloAnswer,
-    protocol.Answer,
-    protocol.ErrorAnswer,
-)
+COMMANDS: tuple[type[BaseModel], ...] = get_args(get_args(protocol.Command)[0])
+ANSWERS = (protocol.HelloAnswer, protocol.Answer, protocol.ErrorAnswer)
 
 
 def schema() -> dict[str, Any]:

@@ -8,15 +8,8 @@ from pathlib import Path
 from automcm_conformance.adapter.kit_paths import TEMPLATES
 from automcm_spec.support import files
 
-FILES = {
-    "python": ("adapter.py", "run"),
-    "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp", "run"),
-    "go": ("adapter.go", "go.mod", "run"),
-    "java": ("Adapter.java", "Json.java", "run"),
-    "javascript": ("adapter.js", "run"),
-    "rust": ("Cargo.toml", "json.rs", "main.rs", "run"),
-}
-"""Files by language.  Each template speaks the adapter protocol; its station does nothing."""
+LANGUAGES = sorted(folder.name for folder in TEMPLATES.iterdir())
+"""Those with a template.  Each template speaks the adapter protocol; its station does nothing."""
 BUILD = {
     "cpp": "cmake -S {at} -B {at}/build && cmake --build {at}/build",
     "go": "go build -C {at} -o adapter",
@@ -36,10 +29,10 @@ def create(language: str, target: Path) -> list[Path]:
         raise FileExistsError(f"{target} exists and is not an empty folder; name a new folder")
     files.folder(target, named=True)
     written = []
-    for name in FILES[language]:
-        path = target / name
-        files.write(path, (TEMPLATES / language / name).read_bytes())
-        if name == "run":
+    for template in sorted(filter(Path.is_file, (TEMPLATES / language).iterdir())):
+        path = target / template.name
+        files.write(path, template.read_bytes())
+        if template.name == "run":
             path.chmod(0o755)  # an installed package may have lost this bit
         written.append(path)
     return written

@@ -11,8 +11,7 @@ import pytest
 from cli_stage import automcm
 
 from automcm_conformance.adapter.check_adapter import check
-from automcm_conformance.adapter.kit_paths import TEMPLATES
-from automcm_conformance.adapter.new_adapter import FILES, create, next_commands
+from automcm_conformance.adapter.new_adapter import create, next_commands
 from automcm_maintenance.code_mutation import cpp_station
 
 
@@ -80,12 +79,6 @@ console.log(JSON.stringify(parse('{"a": 1.0, "b": [1, 2e3, -4], "c": "1.0 \\" 2.
 def test_what_to_type_next() -> None:
     assert next_commands("python", Path("a b"))[-1] == "automcm conform run -- 'a b/run'"
     assert next_commands("cpp", Path("mine"))[0].startswith("cmake -S mine")
-
-
-def test_every_file_of_a_template_is_written() -> None:
-    for language, names in FILES.items():
-        there = {path.name for path in (TEMPLATES / language).iterdir() if path.is_file()}
-        assert there == set(names)
 
 
 def test_what_cannot_be_created(tmp_path: Path) -> None:
