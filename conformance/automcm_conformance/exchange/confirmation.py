@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 
-from automcm_conformance.adapter.adapter import Adapter, LineByLine
-from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.answers import differences
 from automcm_conformance.exchange.exchange import Broken, Mismatch, Step, Wrong
-from automcm_conformance.exchange.records import replayed
+from automcm_conformance.exchange.records import failure_of
 from automcm_conformance.exchange.results import KEPT, NONDETERMINISTIC
 
 UNSHOWN = ("hang", "start")
@@ -59,13 +57,7 @@ def _shows(error: Wrong) -> bool:
 def _again(adapter: Adapter, error: Wrong, steps: Sequence[Step]) -> Wrong | None:
     """The first failure when these lines are sent one by one; None if there is none."""
     again = [replace(given, expected=deepcopy(given.expected), answer=b"") for given in steps]
-    try:
-        replayed(again, LineByLine(adapter))
-    except Mismatch as wrong:
-        wrong.session = error.session if isinstance(error, Mismatch) else None
-        return wrong
-    except (AdapterError, ProtocolError) as broken:
-        answered = sum(1 for step in again if step.answer)
-        unanswered = isinstance(broken, AdapterError) and not broken.answers
-        return Broken(again[: answered + unanswered], broken)
-    return None
+    wrong = failure_of(again, adapter)
+    if isinstance(wrong, Mismatch) and isinstance(error, Mismatch):
+        wrong.session = error.session
+    return wrong

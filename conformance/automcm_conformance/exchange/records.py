@@ -24,7 +24,8 @@ from automcm_conformance.adapter.protocol import (
     read_answer,
 )
 from automcm_conformance.exchange.answers import are_marks, differences
-from automcm_conformance.exchange.exchange import LineLink, Mismatch, Step
+from automcm_conformance.exchange.exchange import Broken, LineLink, Mismatch, Step, Wrong
+from automcm_conformance.exchange.results import Verdict
 from automcm_conformance.exchange.wire import Required
 from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.problems import problems_of
@@ -89,13 +90,26 @@ def replayed(steps: Sequence[Step], link: LineLink) -> list[Step]:
     return done
 
 
+def failure_of(steps: Sequence[Step], adapter: Adapter) -> Wrong | None:
+    """The first failure when the lines are sent again, one by one; None if there is none."""
+    try:
+        replayed(steps, LineByLine(adapter))
+    except Mismatch as wrong:
+        return wrong
+    except (AdapterError, ProtocolError) as broken:
+        answered = sum(1 for step in steps if step.answer)
+        unanswered = isinstance(broken, AdapterError) and not broken.answers
+        return Broken(list(steps[: answered + unanswered]), broken)
+    return None
+
+
 @dataclass(frozen=True)
 class ReplayedFailure:
     """The verdict on one recorded exchange; ``sent`` holds the steps up to its end."""
 
     case: str
     rule: str
-    verdict: Literal["PASS", "FAIL", "ERROR"]
+    verdict: Verdict
     what: str
     sent: list[Step]
     stderr: Sequence[str] = ()
@@ -103,7 +117,7 @@ class ReplayedFailure:
     @property
     def exit_code(self) -> int:
         """That of ``conform replay``."""
-        return {"PASS": 0, "FAIL": 1, "ERROR": 3}[self.verdict]
+        return 0 if self.verdict == "PASS" else 1 if self.verdict == "FAIL" else 3
 
     def as_dict(self) -> dict[str, str]:
         """For ``--json``."""
@@ -117,22 +131,15 @@ def replay_failure(file: Path, command: Sequence[str], limit_s: float) -> Replay
     """
     about, steps = read_replay(file)
     station = Adapter(list(command), limit_s)
-    verdict: Literal["PASS", "FAIL", "ERROR"] = "PASS"
-    what, stderr, unanswered = "", list[str](), False
     try:
-        replayed(steps, LineByLine(station))
-    except Mismatch as error:
-        verdict, what = "FAIL", str(error)
-        if about["what"].endswith(f": {what}"):
-            what = about["what"]  # it begins with the defect of the message
-    except ProtocolError as error:
-        verdict, what = "ERROR", str(error)
-    except AdapterError as error:
-        verdict, what, stderr = "ERROR", str(error), error.stderr
-        unanswered = not error.answers
+        wrong = failure_of(steps, station)
     finally:
         station.stop()
-    sent = steps[: sum(1 for step in steps if step.answer) + unanswered]
+    verdict: Verdict = "PASS" if wrong is None else wrong.verdict
+    what = "" if wrong is None else str(wrong)
+    if verdict == "FAIL" and about["what"].endswith(f": {what}"):
+        what = about["what"]  # it begins with the defect of the message
+    sent, stderr = wrong.steps if wrong else steps, getattr(wrong, "stderr", ())
     return ReplayedFailure(about["case"], about["rule"], verdict, what, sent, stderr)
 
 
