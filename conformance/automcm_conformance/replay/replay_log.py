@@ -7,16 +7,13 @@ of the implementation expire on their own.
 from __future__ import annotations
 
 import base64
-import binascii
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from pydantic import ValidationError
-from pydantic_core import to_json
+from pydantic_core import from_json, to_json
 
 from automcm_conformance.adapter.process import AdapterError, Process
 from automcm_conformance.adapter.protocol import (
@@ -305,17 +302,9 @@ class _Run:
 
 def _object(raw: str) -> Object | None:
     """The JSON object in these bytes, or None; None also for one that a line cannot contain."""
-
-    def number(text: str) -> float:
-        value = float(text)
-        if not math.isfinite(value):
-            raise ValueError(text)
-        return value
-
     try:
-        text = base64.b64decode(raw, validate=True).decode()
-        value = json.loads(text, parse_float=number, parse_constant=number)
-        to_json(value)
-    except (ValueError, RecursionError, binascii.Error):
+        value = from_json(base64.b64decode(raw, validate=True), allow_inf_nan=False)
+        from_json(to_json(value), allow_inf_nan=False)  # 1e999 is infinite
+    except ValueError:
         return None
     return value if isinstance(value, dict) else None
