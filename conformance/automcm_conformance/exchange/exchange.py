@@ -187,7 +187,8 @@ class Exchange:
         self._link = link
         self.clock: ArmedTimers[Timer] = ArmedTimers()
         self._joined_at: dict[int, int] = {}
-        self._unwritten: list[Step] = []
+        self.unwritten_steps: list[Step] = []
+        """The steps whose lines have not been written yet."""
         self._refusals: dict[object, Required] = {}
         self._right: dict[int, bytes] = {}
         """The last correct answer, by the id of its ``Required``, which ``done`` keeps alive."""
@@ -250,9 +251,9 @@ class Exchange:
         expected = Required("END-5", indications=[{"name": "discarded"}])
         self._queue({"cmd": "receive", "message": message}, expected, fault)
 
-    def expire(self, i: int) -> None:
+    def expire(self, i: int, *, after_others: bool = False) -> None:
         """Advance to the deadline of this timer. Resends may fire on the way. Raises Infeasible if
-        another timer would, or if a deadline is not known."""
+        another timer would, unless ``after_others``, or if a deadline is not known."""
         wanted = self.expires(i)
         fired: list[int] = []
         while i not in fired:
@@ -260,7 +261,8 @@ class Exchange:
             if due is None or wanted not in self.clock.running:
                 raise Infeasible
             fired = self.advance(due)
-            if any(j != i and self.expires(j)[0] != "resend" for j in fired):
+            others = (self.expires(j)[0] for j in fired if j != i)
+            if not after_others and any(name != "resend" for name in others):
                 raise Infeasible
 
     @property
@@ -294,18 +296,13 @@ class Exchange:
     @property
     def unwritten_lines(self) -> list[bytes]:
         """The lines that have not been written yet."""
-        return [step.line for step in self._unwritten]
-
-    @property
-    def unwritten_steps(self) -> Sequence[Step]:
-        """The steps whose lines have not been written yet."""
-        return self._unwritten
+        return [step.line for step in self.unwritten_steps]
 
     def flush(self) -> None:
         """Write these lines, read the answers and judge them. Raises Mismatch or Broken."""
         self.begun = True
         try:
-            answers = self._link.exchange(self.unwritten_lines) if self._unwritten else []
+            answers = self._link.exchange(self.unwritten_lines) if self.unwritten_steps else []
         except AdapterError as error:
             self.answered(error.answers, error)
         self.answered(answers)
@@ -315,7 +312,7 @@ class Exchange:
 
         Raises Mismatch or Broken.
         """
-        steps, self._unwritten = self._unwritten, []
+        steps, self.unwritten_steps = self.unwritten_steps, []
         for step, line in zip(steps, answers, strict=False):
             try:
                 self._judge(step, line)
@@ -487,7 +484,7 @@ class Exchange:
         step.expected.timer = "" if first is None else first.timer[0]
         if not self.clock.sure:
             step.expected.deadline = UNKNOWN
-        self._unwritten.append(step)
+        self.unwritten_steps.append(step)
 
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line

@@ -207,23 +207,31 @@ TIMERS: dict[str, list[Script]] = {
 
 _INTENTION, _PRESCRIPTION = (entry("Intention", Y, THEIRS), entry("Prescription", Y, MINE))
 _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
-    ([ADVERTISED], ("giveup", _INTENTION), [LEAVE, INSTRUCTED, CANCELLED, RESTART]),
-    ([ADVERTISED], ("resend", _INTENTION), [LEAVE, REQUEST, RESTART]),
-    (WAITING, ("hold",), [LEAVE, CANCELLED, REQUEST, ADVERTISED, RESTART]),
-    (VERIFYING, ("decide",), [REFUSE, LEAVE, CANCELLED, INSTRUCTED, RESTART]),
-    ([*COMMITTED, ACCEPTANCE_ACKED], ("cam",), [LEAVE, CANCELLED, REQUEST, RESTART]),
-    ([*COMMITTED, ACCEPTANCE_ACKED], ("lease",), [LEAVE, CANCELLED, REQUEST, RESTART]),
+    (
+        [ADVERTISED],
+        ("giveup", _INTENTION),
+        [INTENTION_ACKED, LEAVE, INSTRUCTED, CANCELLED, RESTART],
+    ),
+    ([ADVERTISED], ("resend", _INTENTION), [INTENTION_ACKED, LEAVE, REQUEST, RESTART]),
+    (WAITING, ("hold",), [INSTRUCTED, LEAVE, CANCELLED, REQUEST, ADVERTISED, RESTART]),
+    (VERIFYING, ("decide",), [ACCEPT, REFUSE, LEAVE, CANCELLED, INSTRUCTED, RESTART]),
+    ([*COMMITTED, ACCEPTANCE_ACKED], ("cam",), [HEARD_THEM, LEAVE, CANCELLED, REQUEST, RESTART]),
+    ([*COMMITTED, ACCEPTANCE_ACKED], ("lease",), [FINISHED, LEAVE, CANCELLED, REQUEST, RESTART]),
     ([*WAITING, FINISHED], ("forget", Y), [ADVERTISED, REQUEST, RESTART]),
-    ([REQUEST], ("advertise",), [ABORT, REQUEST, RESTART]),
+    ([REQUEST], ("advertise",), [INTENDED, ABORT, REQUEST, RESTART]),
     ([REQUEST, INTENDED], ("advertise",), [WITHDRAWN, CLOSE, ABORT, REQUEST, RESTART]),
     ([REQUEST], ("resend", entry("Advertisement", 0, MINE)), [ABORT, INTENDED, RESTART]),
-    ([REQUEST, WINDOW], ("backoff",), [ADVERTISED, RESTART]),
-    (CHOOSING, ("decide",), [ABORT, PROCEED, WITHDRAWN, RESTART]),
+    ([REQUEST, WINDOW], ("backoff",), [REQUEST, ADVERTISED, RESTART]),
+    (CHOOSING, ("decide",), [PRESCRIBE, ABORT, PROCEED, WITHDRAWN, RESTART]),
     (PRESCRIBING, ("giveup", _PRESCRIPTION), [PRESCRIPTION_ACKED, ACCEPTED, ABORT, RESTART]),
     (PRESCRIBING, ("resend", _PRESCRIPTION), [PRESCRIPTION_ACKED, REFUSED, ABORT, RESTART]),
     ([*PRESCRIBING, REFUSED], ("decide",), [PRESCRIBE_2, ABORT, RESTART]),
-    ([*PRESCRIBING, PRESCRIPTION_ACKED], ("answer",), [REFUSED, ABORT, WITHDRAWN, RESTART]),
-    (ACTING, ("cam",), [HEARD_TARGET, ABORT, WITHDRAWN, REQUEST, RESTART]),
+    (
+        [*PRESCRIBING, PRESCRIPTION_ACKED],
+        ("answer",),
+        [ACCEPTED, REFUSED, ABORT, WITHDRAWN, RESTART],
+    ),
+    (ACTING, ("cam",), [COMPLETE, HEARD_TARGET, ABORT, WITHDRAWN, REQUEST, RESTART]),
     (ACTING, ("lease",), [HEARD_TARGET, COMPLETE, ABORT, WITHDRAWN, REQUEST, RESTART]),
     ([*ACTING, COMPLETE], ("giveup", entry("Fin", Y, MINE)), [INTENDED, REQUEST, RESTART]),
     ([*ACTING, ABORT], ("resend", entry("Cancel", Y, MINE)), [INTENDED, REQUEST, RESTART]),
@@ -231,23 +239,10 @@ _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
 """An armed timer, and inputs at the very time of its expiry."""
 
 SAME_INSTANT: list[Script] = [
-    [ADVERTISED, At(("giveup", entry("Intention", Y, THEIRS)), INTENTION_ACKED)],
-    [ADVERTISED, At(("resend", entry("Intention", Y, THEIRS)), INTENTION_ACKED)],
-    [*WAITING, At(("hold",), INSTRUCTED)],
-    [*VERIFYING, At(("decide",), ACCEPT)],
-    [*COMMITTED, ACCEPTANCE_ACKED, At(("cam",), HEARD_THEM)],
-    [*COMMITTED, ACCEPTANCE_ACKED, At(("lease",), FINISHED)],
-    [REQUEST, At(("advertise",), INTENDED)],
-    [*CHOOSING, At(("decide",), PRESCRIBE)],
-    [*PRESCRIBING, PRESCRIPTION_ACKED, At(("answer",), ACCEPTED)],
-    [*ACTING, At(("cam",), COMPLETE)],
-    [REQUEST, WINDOW, At(("backoff",), REQUEST)],
-    *(
-        [*script, At(timer, value), PAUSE]
-        for script, timer, values in _DUE
-        for value in values
-        if value != RESTART
-    ),
+    [*script, At(timer, value), PAUSE]
+    for script, timer, values in _DUE
+    for value in values
+    if value != RESTART
 ]
 """An input at the very time of an expiry: the timer comes first."""
 

@@ -154,11 +154,7 @@ def _take(x: Exchange, value: Input, lease_ms: int) -> None:
     Infeasible."""
     i = number(x, value)
     if isinstance(value, Expire):
-        fired: list[int] = []
-        while i not in fired:
-            if x.clock.deadline(value.timer) is None or x.next_due is None:
-                raise Infeasible
-            fired = x.advance(x.next_due)
+        x.expire(i, after_others=True)
     else:
         answer = x.oracle.answer(x.state, i)
         if answer is None or answer.effect.rule == "MEM-1":

@@ -53,7 +53,7 @@ def conform(
     Raises AdapterError or ProtocolError if the adapter does not answer ``hello``, and OracleError.
     """
     spec = present_hash()
-    graphs = Graphs.load(spec)
+    graphs = Graphs(spec)
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.quick = stop_after, quick
@@ -103,15 +103,11 @@ class Graphs:
     """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
     of the others. Raises OracleError, here or later."""
 
-    def __init__(self, one: Oracle) -> None:
-        self.one = one
-        self.owners = Owners(load_purposes())
-
-    @classmethod
-    def load(cls, spec_hash: str) -> Graphs:
+    def __init__(self, spec_hash: str) -> None:
         """``spec_hash``: of the specification that the graphs were made from."""
         with uncollected():
-            return cls(load(ONE_PEER.path, spec_hash))
+            self.one = load(ONE_PEER.path, spec_hash)
+        self.owners = Owners(load_purposes())
 
     @cached_property
     def two(self) -> Oracle:
