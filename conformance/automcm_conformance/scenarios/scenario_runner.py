@@ -270,11 +270,9 @@ class PlayRun:
                 self._radio.acting_at = self._radio.acting_at or self._now
             self._schedule_actions(station, now)
         for indication in monitor.indications:
-            name, more = (
-                indication["name"],
-                [indication["reason"]] if indication["name"] == "fallback" else [],
-            )
-            self._indications[station].append(" ".join([name, *more]))
+            name = indication["name"]
+            told = f"{name} {indication['reason']}" if name == "fallback" else name
+            self._indications[station].append(told)
             self._schedule_actions(station, name)
             self._respond(station, indication)
 

@@ -48,12 +48,13 @@ from automcm_conformance.suite.scripts import (
     Wait,
     With,
     Y,
+    as_prescriber,
+    as_receiver,
     cam,
     command,
     expire,
     received,
 )
-from automcm_conformance.suite.session_cases import as_prescriber, as_receiver
 from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.parameters import LIMITS

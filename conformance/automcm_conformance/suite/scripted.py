@@ -7,24 +7,13 @@ from collections.abc import Callable, Iterator
 from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS
+from automcm_conformance.suite import scripts as s
 from automcm_conformance.suite.purposes import ROOM
-from automcm_conformance.suite.scripts import (
-    INSTRUCTED_2,
-    REFUSED,
-    REQUEST,
-    Ahead,
-    At,
-    Late,
-    Older,
-    Script,
-    Wait,
-    With,
-)
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.parameters import cam_lead
 from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer
 
-_AROUND = (At, Late, With, Older, Ahead)
+_AROUND = (s.At, s.Late, s.With, s.Older, s.Ahead)
 """Steps that have an input."""
 Fresh = Callable[..., Exchange]
 """Makes a new exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
@@ -32,32 +21,32 @@ Played = Iterator[Exchange | None]
 """The exchanges of a case, each played to its end; None for one that time does not allow."""
 
 
-def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
+def play(x: Exchange, script: s.Script, lease_ms: int = LONG_MS) -> None:
     """Play a script; the last expiry is approached to the millisecond.
 
     Raises Infeasible, Mismatch and Broken.
     """
-    if {REFUSED, INSTRUCTED_2} & {*inputs(script)} and x.parameters["max_rounds"] < 2:
+    if {s.REFUSED, s.INSTRUCTED_2} & {*inputs(script)} and x.parameters["max_rounds"] < 2:
         raise Infeasible  # there is no second round
     if sum(map(_begins, inputs(script))) > 1 and room(x) < ROOM:
         raise Infeasible  # what the first session leaves in the outbox keeps out the second
     for n, item in enumerate(script):
         match item:
-            case Wait(ms):
+            case s.Wait(ms):
                 x.wait(x.now + ms)
-            case At(timer, value):
+            case s.At(timer, value):
                 _before(x, timer)
                 x.give(number(x, value), at=x.clock.deadline(timer), lease_ms=lease_ms)
-            case Late(ms, value) if value is not None:
+            case s.Late(ms, value) if value is not None:
                 x.give(number(x, value), at=x.now + ms, lease_ms=lease_ms)
-            case Late(ms):
+            case s.Late(ms):
                 x.advance(x.now + ms)
-            case With(fields, value):
+            case s.With(fields, value):
                 x.give(number(x, value), lease_ms=lease_ms, fields=fields)
-            case Older(ms, value):
+            case s.Older(ms, value):
                 generation_ms = max(0, (x.wire.heard_ms or 0) - ms)
                 x.give(number(x, value), fields={"generation_ms": generation_ms})
-            case Ahead(ms, value):
+            case s.Ahead(ms, value):
                 generation_ms = min(_latest(x) + ms, LIMIT)
                 x.give(number(x, value), fields={"generation_ms": generation_ms})
             case Expire(timer=timer):
@@ -77,7 +66,7 @@ def _latest(x: Exchange) -> int:
     return generated + cam_lead(drift, x.parameters["t_resend"], x.now - received)
 
 
-def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | None:
+def played(x: Exchange, script: s.Script, lease_ms: int = LONG_MS) -> Exchange | None:
     """The exchange after the script; None if time does not allow it."""
     try:
         play(x, script, lease_ms)
@@ -99,13 +88,13 @@ def room(x: Exchange) -> int:
 
 def _begins(value: Input) -> bool:
     advertised = isinstance(value, Receive) and value.message.type == "Advertisement"
-    return advertised or value == REQUEST
+    return advertised or value == s.REQUEST
 
 
-def inputs(script: Script) -> list[Input]:
+def inputs(script: s.Script) -> list[Input]:
     """The inputs of a script, without its steps of time and fields."""
     found = [item.input if isinstance(item, _AROUND) else item for item in script]
-    return [value for value in found if not isinstance(value, Wait | None)]
+    return [value for value in found if not isinstance(value, s.Wait | None)]
 
 
 def _before(x: Exchange, timer: Timer) -> None:

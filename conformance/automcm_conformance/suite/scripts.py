@@ -134,15 +134,54 @@ ACCEPTED_2 = received("Acceptance", MINE, 2, accepted=True)
 PAUSE = Wait(30)
 
 NEXT, AFTER = (2, 2), (1, 2)
-AGAIN: Script = [
-    received("Advertisement", NEXT),
-    received("Ack", NEXT, of=("Intention", 1)),
-    received("Prescription", NEXT),
-    command("accept", NEXT, 1),
-    received("Ack", NEXT, of=("Acceptance", 1)),
-    Wait(400),
-    cam(Y, NEXT),
-]
+
+
+def as_prescriber(
+    session: Session, peer: int, refused: bool, closes: Input = WINDOW
+) -> list[Input]:
+    """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused;
+    ``closes``: ends the advertising window."""
+    k = 2 if refused else 1
+    rounds: list[Input] = [
+        received("Acceptance", session, 1, source=peer),
+        command("prescribe", session, 2, peer),
+    ]
+    return [
+        REQUEST,
+        received("Intention", session, source=peer),
+        closes,
+        command("prescribe", session, 1, peer),
+        received("Ack", session, of=("Prescription", 1), source=peer),
+        *(rounds if refused else []),
+        received("Acceptance", session, k, accepted=True, source=peer),
+        cam(peer, session),
+        cam(peer, session),
+        command("complete", session),
+        received("Ack", session, of=("Fin", 1), source=peer),
+    ]
+
+
+def as_receiver(session: Session, refuses: bool) -> list[Input]:
+    """A session of another station, up to its Fin; ``refuses``: the first proposal is refused."""
+    peer, k = session[0], 2 if refuses else 1
+    rounds: list[Input] = [
+        command("refuse", session, 1),
+        received("Prescription", session, 2, source=peer),
+    ]
+    return [
+        received("Advertisement", session, source=peer),
+        received("Ack", session, of=("Intention", 1), source=peer),
+        received("Prescription", session, 1, source=peer),
+        *(rounds if refuses else []),
+        command("accept", session, k),
+        received("Ack", session, of=("Acceptance", k), source=peer),
+        cam(peer, session),
+        cam(peer, session),
+        received("Fin", session, source=peer),
+    ]
+
+
+AGAIN: Script = [*as_receiver(NEXT, False)[:5], Wait(400), cam(Y, NEXT)]
 """Another session of the same prescriber, with one CAM received."""
 
 WAITING: list[Input] = [ADVERTISED, INTENTION_ACKED]
@@ -341,14 +380,7 @@ ROOM: list[Script] = [
 ]
 """Sessions that begin with one or two entries in the outbox."""
 
-_AGAIN: list[Input] = [
-    received("Ack", MINE, of=("Fin", 1)),
-    REQUEST,
-    received("Intention", AFTER),
-    WINDOW,
-    command("prescribe", AFTER, 1, Y),
-    received("Acceptance", AFTER, accepted=True),
-]
+_AGAIN = [received("Ack", MINE, of=("Fin", 1)), *as_prescriber(AFTER, Y, False)[:6]]
 """Another own session, from the end of the first one to ACTUATING."""
 
 

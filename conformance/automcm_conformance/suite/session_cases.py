@@ -14,22 +14,8 @@ from collections.abc import Iterator, Sequence
 from automcm_conformance.adapter.protocol import NEEDS
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS, ME
+from automcm_conformance.suite import scripts as s
 from automcm_conformance.suite.scripted import Fresh, Played, number, room
-from automcm_conformance.suite.scripts import (
-    MINE,
-    REQUEST,
-    RESTART,
-    THEIRS,
-    USUAL,
-    WINDOW,
-    WITHDRAWN,
-    Script,
-    Y,
-    cam,
-    command,
-    expire,
-    received,
-)
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Session
 
@@ -41,67 +27,22 @@ SHORT_MS = 900
 ROLES = ("prescriber", "receiver")
 
 
-def as_prescriber(
-    session: Session, peer: int, refused: bool, closes: Input = WINDOW
-) -> list[Input]:
-    """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused;
-    ``closes``: ends the advertising window."""
-    k = 2 if refused else 1
-    rounds: list[Input] = [
-        received("Acceptance", session, 1, source=peer),
-        command("prescribe", session, 2, peer),
-    ]
-    return [
-        REQUEST,
-        received("Intention", session, source=peer),
-        closes,
-        command("prescribe", session, 1, peer),
-        received("Ack", session, of=("Prescription", 1), source=peer),
-        *(rounds if refused else []),
-        received("Acceptance", session, k, accepted=True, source=peer),
-        cam(peer, session),
-        cam(peer, session),
-        command("complete", session),
-        received("Ack", session, of=("Fin", 1), source=peer),
-    ]
-
-
-def as_receiver(session: Session, refuses: bool) -> list[Input]:
-    """A session of another station, up to its Fin; ``refuses``: the first proposal is refused."""
-    peer, k = session[0], 2 if refuses else 1
-    rounds: list[Input] = [
-        command("refuse", session, 1),
-        received("Prescription", session, 2, source=peer),
-    ]
-    return [
-        received("Advertisement", session, source=peer),
-        received("Ack", session, of=("Intention", 1), source=peer),
-        received("Prescription", session, 1, source=peer),
-        *(rounds if refuses else []),
-        command("accept", session, k),
-        received("Ack", session, of=("Acceptance", k), source=peer),
-        cam(peer, session),
-        cam(peer, session),
-        received("Fin", session, source=peer),
-    ]
-
-
-def scripts(about: str) -> Iterator[Script]:
+def scripts(about: str) -> Iterator[s.Script]:
     """The scripts of the two roles' sessions."""
     roles = about.split()
     if "restart" in roles:
-        yield [RESTART]
+        yield [s.RESTART]
     if {"prescriber", "restart"} & {*roles}:
-        yield as_prescriber(MINE, Y, True)
+        yield s.as_prescriber(s.MINE, s.Y, True)
     if {"receiver", "restart"} & {*roles}:
-        yield as_receiver(THEIRS, True)
+        yield s.as_receiver(s.THEIRS, True)
 
 
 def pairs(fresh: Fresh, about: str) -> Played:
     """``sessions FIRST SECOND``: two roles. ``sessions restart``: either, and power fails."""
     restarts = about == "restart"
     firsts, seconds = (ROLES, ROLES) if restarts else ([role] for role in about.split())
-    x = fresh(USUAL)
+    x = fresh(s.USUAL)
     rounds = x.parameters["max_rounds"]
     ends = [
         (first, [*begin, end])
@@ -109,9 +50,9 @@ def pairs(fresh: Fresh, about: str) -> Played:
         for begin in _begins(first, rounds)
         for end in _ends(x.oracle, begin, restarts)
     ]
-    ways = itertools.product(ends, seconds, (Y, Z), (False, True))
+    ways = itertools.product(ends, seconds, (s.Y, Z), (False, True))
     for n, ((first, ended), second, peer, short) in enumerate(ways):
-        x = fresh(USUAL)
+        x = fresh(s.USUAL)
         try:
             for value in ended:
                 _take(x, value, LONG_MS if short else SHORT_MS)
@@ -128,11 +69,11 @@ def _begins(role: str, rounds: int) -> list[list[Input]]:
     found: dict[tuple[Input, ...], list[Input]] = {}
     for refused in (False, True)[:rounds]:
         if role == "receiver":
-            whole = as_receiver(THEIRS, refused)
+            whole = s.as_receiver(s.THEIRS, refused)
         else:
-            whole = as_prescriber(MINE, Y, refused)
+            whole = s.as_prescriber(s.MINE, s.Y, refused)
             for n in (1, 2, 3):
-                withdrawn = [*whole[:n], WITHDRAWN]
+                withdrawn = [*whole[:n], s.WITHDRAWN]
                 found[tuple(withdrawn)] = withdrawn
         for n in range(1, len(whole)):
             found[tuple(whole[:n])] = whole[:n]
@@ -143,10 +84,10 @@ def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]
     """The inputs that end the session; none if the way to this state ends it."""
     state = oracle.way(oracle.input_index[value] for value in begin)[-1]
     if oracle.states[state].phase == "STANDALONE" or restarts:
-        return [RESTART] if restarts else []
+        return [s.RESTART] if restarts else []
     moves = oracle.moves(state).items()
     ends = [oracle.inputs[i] for i, after in moves if oracle.states[after].phase == "STANDALONE"]
-    return [value for value in ends if value != RESTART]
+    return [value for value in ends if value != s.RESTART]
 
 
 def _take(x: Exchange, value: Input, lease_ms: int) -> None:
@@ -172,16 +113,16 @@ def _follow(
     session = (ME, st.number + 1) if role == "prescriber" else (peer, newest + 1)
     if x.parameters["memory_limit"] < 2 or len(st.outbox) > room(x):
         raise Infeasible
-    sessions = [MINE, THEIRS, session]
+    sessions = [s.MINE, s.THEIRS, session]
     _try(x, sessions, roles, n)
     if role == "receiver" and st.quarantine:
-        _take(x, expire("quarantine"), LONG_MS)
+        _take(x, s.expire("quarantine"), LONG_MS)
     if role == "prescriber" and st.backoff:
-        _take(x, expire("backoff"), LONG_MS)
+        _take(x, s.expire("backoff"), LONG_MS)
     whole = (
-        as_receiver(session, refused)
+        s.as_receiver(session, refused)
         if role == "receiver"
-        else as_prescriber(session, peer, refused)
+        else s.as_prescriber(session, peer, refused)
     )
     for value in whole:
         _take(x, value, lease_ms)

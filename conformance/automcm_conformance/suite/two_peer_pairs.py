@@ -141,15 +141,14 @@ def _speaker(i: Input) -> set[int]:
 
 def _peers(i: Input) -> set[int]:
     """The peers that an input names."""
-    found = _speaker(i) | {p for p, _ in _sessions(i)}
-    match i:
-        case Command():
-            found.add(i.target)
-        case Expire(timer=(_, Entry() as e)):
-            found.update((e.to, e.session[0]))
-        case Expire(timer=(_, int(p))):
-            found.add(p)
-    return found & set(PEERS)
+    found: list[int] = []
+
+    def note(session: Session) -> Session:
+        found.append(session[0])
+        return session
+
+    renumbering.input_of(i, note)
+    return {*found} & {*PEERS}
 
 
 def _sessions(i: Input) -> Collection[Session]:
