@@ -218,6 +218,6 @@ def _marks(expected: Required, cam: dict[str, Json]) -> list[Problem]:
 
 def are_marks(wanted: list[Json], found: Json) -> bool:
     """Whether these are the marks of a CAM, in any order (ACT-5)."""
-    return (
-        type(found) is list and len(found) == len(wanted) and all(mark in found for mark in wanted)
-    )
+    if type(found) is not list or len(found) != len(wanted):
+        return False
+    return all(any(same(mark, other) for other in found) for mark in wanted)

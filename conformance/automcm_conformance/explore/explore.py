@@ -8,7 +8,6 @@ only the number of walks depends on time.
 from __future__ import annotations
 
 import gc
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +18,7 @@ from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange import records
 from automcm_conformance.exchange.confirmation import in_fresh_process
 from automcm_conformance.exchange.exchange import Exchange, Mismatch, Unpredicted, Wrong
-from automcm_conformance.exchange.results import BROKE, CaseResult, Exploration
+from automcm_conformance.exchange.results import CaseResult, Exploration
 from automcm_conformance.exchange.wire import LONG, LONG_MS, VALUES
 from automcm_conformance.explore.walk_shrinking import FailingWalk, Shrinker, pair_of, rule_of
 from automcm_conformance.explore.walks import (
@@ -34,6 +33,7 @@ from automcm_conformance.explore.walks import (
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.purposes import input_kind
+from automcm_conformance.suite.suite_run import keeping_results
 from automcm_conformance.suite.verdicts import failure, implementation
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
@@ -84,12 +84,7 @@ class Explorer:
         self._folder = folder
         self._enough = enough
         self.coverages = [
-            WalkCoverage(
-                name,
-                o,
-                [not runner.missing_feature(i) for i in o.inputs],
-                bool(runner.limited_by(o)),
-            )
+            WalkCoverage(name, o, runner.allowed(o))
             for name, o in oracles.items()
             if not runner.unfit(o)
         ]
@@ -104,8 +99,6 @@ class Explorer:
             self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         if not self.coverages:
             self.found.problems.append("no graph has the fixed limits of the implementation")
-        elif self.runner.cut_short:
-            self.found.problems.append(self.runner.cut_short)
 
     @property
     def _continues(self) -> bool:
@@ -259,23 +252,16 @@ def explore(
     with uncollected():
         oracles = {o.name: o for o in (load(graph.path, spec) for graph in GRAPHS)}
     adapter = Adapter(command, limit_s)
-    explorer = Explorer(Runner(adapter, (), seed, notify), oracles, folder, seed, enough)
+    runner = Runner(adapter, (), seed, notify)
+    explorer = Explorer(runner, oracles, folder, seed, enough)
     found = explorer.found
     gc.freeze()  # keeps the graphs out of garbage collection
     try:
-        explorer.run(more)
-    except KeyboardInterrupt:
-        found.problems.append("interrupted")
-        adapter.renew()  # a partial line may have been written
-    except OSError:
-        raise
-    except Exception as error:  # an internal error must not lose the results so far
-        traceback.print_exc()
-        found.broke = True
-        found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")
+        with keeping_results(runner):
+            explorer.run(more)
     finally:
         gc.unfreeze()
-        adapter.stop()
-    found.problems += adapter.problems
+    found.broke = runner.broke
+    found.problems += filter(None, [runner.cut_short, *adapter.problems])
     found.coverage = {g.name: g.counts() for g in explorer.coverages}
     return found

@@ -23,8 +23,6 @@ STARTS = 20
 """The same for a walk that ends in a crash, because each needs a new process."""
 HANG = 6
 """A hang counts as this many crashes, because it takes the whole time limit of an answer."""
-ROUND_MS = (1_000, 100, 10)
-"""Pauses are rounded down to multiples of these, if the walk still fails."""
 Attempt = Callable[[Setting, Sequence[Act]], Wrong | None]
 """Plays a walk; returns its failure if that breaks the rule in question."""
 Kind = tuple[str, str, int]
@@ -185,9 +183,7 @@ class Shrinker:
             if kind is not None and _kind(oracle.states[state]) != kind:
                 continue
             for i in inputs:
-                if not self.coverage.offered[i]:
-                    continue
-                answer = oracle.answer(state, i)
+                answer = oracle.answer(state, i) if self.coverage.allowed(state, i) else None
                 if answer is not None and answer.effect.rule == broken.effect.rule:
                     yield [Act(0, j) for j in (*oracle.path(state), i)]
 
@@ -217,22 +213,14 @@ class Shrinker:
         return short if short is not None and len(short.acts) < len(found.acts) else None
 
     def _simpler(self, found: FailingWalk) -> FailingWalk:
-        """The walk with plain values, usual parameters and round pauses, where it still fails."""
+        """The walk with plain values, usual parameters and no pauses, where it still fails."""
         plain = Setting(found.setting.timed)
         for name in ("values", "rich", "parameters", "lease_ms", "soonest"):
             setting = replace(found.setting, **{name: getattr(plain, name)})
             if setting != found.setting:
                 found = self._try(setting, found.acts) or found
-        for n in range(len(found.acts)):
-            pauses = (
-                [found.acts[n].pause_ms // ms * ms for ms in ROUND_MS] if n < found.sent else []
-            )
-            for pause in dict.fromkeys([0, *pauses]):
-                if n >= len(found.acts) or pause >= found.acts[n].pause_ms:
-                    break
-                acts = [*found.acts[:n], Act(pause, found.acts[n].input), *found.acts[n + 1 :]]
-                short = self._try(found.setting, acts)
-                if short is not None:
-                    found = short
-                    break
+        for n, act in enumerate(found.acts[: found.sent]):
+            if act.pause_ms and n < found.sent:
+                acts = [*found.acts[:n], Act(0, act.input), *found.acts[n + 1 :]]
+                found = self._try(found.setting, acts) or found
         return found

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.play import play
-from automcm_conformance.exchange.tours import Pair
+from automcm_conformance.exchange.tours import Allowed, Pair
 from automcm_conformance.exchange.wire import LONG_MS, PLAIN, Values
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Cam, Expire, Receive
@@ -80,10 +80,8 @@ class WalkCoverage:
 
     name: str
     oracle: Oracle
-    offered: Sequence[bool]
-    """For each input, whether the station has the feature that it needs."""
-    limited: bool
-    """Whether the station fixes a limit to another value, so that MEM-1 decides elsewhere."""
+    allowed: Allowed
+    """Whether the station can be given this input in this state (``Runner.allowed``)."""
     avoided: set[Pair] = field(default_factory=set)
     """Pairs with a wrong answer."""
     _seen: bytearray = field(init=False)
@@ -98,10 +96,8 @@ class WalkCoverage:
 
     def may(self, state: int, i: int) -> bool:
         """Whether this input may be given in this state."""
-        if not self.offered[i] or (state, i) in self.avoided:
-            return False
-        answer = self.oracle.answer(state, i)
-        return answer is not None and not (self.limited and answer.effect.rule == "MEM-1")
+        is_usable = (state, i) not in self.avoided and self.allowed(state, i)
+        return is_usable and self.oracle.answer(state, i) is not None
 
     def fresh(self, state: int, i: int) -> bool:
         """Whether no walk has given this input in this state."""

@@ -14,6 +14,7 @@ from typing import Any, cast
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.exchange import transcript
+from automcm_conformance.exchange.answers import are_marks
 from automcm_conformance.exchange.armed_timers import ArmedTimers, Running
 from automcm_conformance.exchange.records import bare
 from automcm_conformance.exchange.results import Line
@@ -259,9 +260,7 @@ class Monitor:
 
     def _marks(self, cam: dict[str, Json]) -> bool:
         """Whether a CAM has the marks of the current state (ACT-5)."""
-        marks = cam.get("marks")
-        own = sorted(map(canonical, self.track.marks))
-        return isinstance(marks, list) and sorted(map(canonical, marks)) == own
+        return are_marks(list(map(list, self.track.marks)), cam.get("marks"))
 
     def _send(self, now: int, m: dict[str, Json]) -> None:
         self._transmissions += 1
@@ -296,8 +295,8 @@ class Monitor:
             name = "no timer" if first is None else first.timer.name
             if first is not None and (answer.deadline or first.deadline) >= first.deadline:
                 self.last = self._expiry(first)
-            text = f"deadline: expected {_number(wanted)}, got {_number(answer.deadline)}"
-            raise self._diverges(text, [f"next deadline {_number(wanted)} ({name})"])
+            text = f"deadline: expected {canonical(wanted)}, got {canonical(answer.deadline)}"
+            raise self._diverges(text, [f"next deadline {canonical(wanted)} ({name})"])
         if self._sends_cams and now > self._cam_ms + MAX_CAM_INTERVAL_MS:
             text = f"no CAM after {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
@@ -323,7 +322,3 @@ def _is_no_op(command: dict[str, Json]) -> bool:
     """Whether a command only advances time or delivers a CAM."""
     kind: str = command.get("message", {}).get("type", command["cmd"])
     return kind in ("CAM", "advance")
-
-
-def _number(value: int | None) -> str:
-    return "null" if value is None else str(value)

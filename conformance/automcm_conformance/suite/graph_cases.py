@@ -24,7 +24,7 @@ from automcm_conformance.exchange.exchange import (
 )
 from automcm_conformance.exchange.play import LEASES, RUNS, play, shortened
 from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC, Deciding
-from automcm_conformance.exchange.tours import Pair, Tours
+from automcm_conformance.exchange.tours import Allowed, Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
@@ -212,13 +212,7 @@ class Runner:
                 tally.skipped[why] += 1
             else:
                 targets.append((answer, tally.purpose.id))
-        limited = bool(self.limited_by(oracle))
-
-        def allowed(state: int, i: int) -> bool:
-            if missing_feature[i]:
-                return False
-            answer = oracle.answer(state, i) if limited else None
-            return answer is None or answer.effect.rule != "MEM-1"
+        allowed = self.allowed(oracle)
 
         def disturbs(state: int, i: int) -> bool:
             answer = oracle.answer(state, i)
@@ -292,6 +286,20 @@ class Runner:
             case _:
                 return ""
         return "" if needed in self.features else needed
+
+    def allowed(self, oracle: Oracle) -> Allowed:
+        """Whether the station can be given an input in a state: it has the feature that the input
+        needs, and MEM-1 does not decide there if a limit is fixed at another value."""
+        missing_feature = [self.missing_feature(value) for value in oracle.inputs]
+        limited = bool(self.limited_by(oracle))
+
+        def allowed(state: int, i: int) -> bool:
+            if missing_feature[i]:
+                return False
+            answer = oracle.answer(state, i) if limited else None
+            return answer is None or answer.effect.rule != "MEM-1"
+
+        return allowed
 
     def _limited(self, oracle: Oracle, answer: OracleAnswer) -> str:
         """Whether MEM-1 can be observed: only with the limits of the graph."""

@@ -57,27 +57,35 @@ def conform(
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.quick = stop_after, quick
+    with keeping_results(runner), uncollected(), _finishing(runner):
+        if any(purpose.select for purpose in purposes):
+            tours(runner, graphs)
+            if not quick:
+                named_cases.samples(runner, folder)
+        special(runner, graphs, purposes, folder)
+        discards = any(purpose.case.startswith("malformed ") for purpose in purposes)
+        if discards and not runner.cut_short:
+            (reset,) = runner.exchange(graphs.one).unwritten_lines
+            runner.notes.append(nesting(adapter, reset))
+    return report(runner, folder, spec, selectors, expected)
+
+
+@contextmanager
+def keeping_results(runner: Runner) -> Iterator[None]:
+    """Ctrl-C and a fault of ours end the run, but keep what was found so far; the adapter is
+    stopped. Raises OSError and OracleError."""
     try:
-        with uncollected(), _finishing(runner):
-            if any(purpose.select for purpose in purposes):
-                tours(runner, graphs)
-                if not quick:
-                    named_cases.samples(runner, folder)
-            special(runner, graphs, purposes, folder)
-            discards = any(purpose.case.startswith("malformed ") for purpose in purposes)
-            if discards and not runner.cut_short:
-                (reset,) = runner.exchange(graphs.one).unwritten_lines
-                runner.notes.append(nesting(adapter, reset))
+        yield
     except KeyboardInterrupt:
         runner.ended = INTERRUPTED
+        runner.adapter.renew()  # a partial line may have been written
     except (OSError, OracleError):
         raise
-    except Exception as error:  # a fault of ours must not cost what was found so far
+    except Exception as error:
         traceback.print_exc()
         runner.broke, runner.ended = True, f"{BROKE}: {type(error).__name__}: {error}"
     finally:
-        adapter.stop()
-    return report(runner, folder, spec, selectors, expected)
+        runner.adapter.stop()
 
 
 @contextmanager

@@ -21,7 +21,9 @@ def line(**fields: Any) -> bytes:
     return json.dumps(NOTHING | fields).encode() + b"\n"
 
 
-@pytest.mark.parametrize("marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [7, {}]])
+@pytest.mark.parametrize(
+    "marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [[1, 2], [1, True]]]
+)
 def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
     expected = Required(marks=[[[1, 1], [1, 2]]])
     cam = {"type": "CAM", "generation_ms": 5}
