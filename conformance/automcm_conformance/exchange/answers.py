@@ -87,7 +87,7 @@ def _messages(expected: Required, found: list[Json]) -> list[Problem]:
                 text = f"sent before the messages of an earlier expiry: {to_json(match).decode()}"
                 problems.append(Problem("messages", text, "order of messages"))
     for message, other in zip(missing, left, strict=False):
-        problems.append(_first_difference(message, other))
+        problems.append(first_difference(message, other))
     unsent = Counter[str]()
     for message in missing[len(left) :]:
         type_ = message["type"]
@@ -156,12 +156,8 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Required)
     return problems
 
 
-def first_difference(wanted: dict[str, Json], found: Json) -> str:
-    """The first difference between two messages, in one line."""
-    return _first_difference(wanted, found).text
-
-
-def _first_difference(wanted: dict[str, Json], found: Json) -> Problem:
+def first_difference(wanted: dict[str, Json], found: Json) -> Problem:
+    """The first difference between two messages."""
     if type(found) is not dict:
         text = f"expected a message (an object), got {found!r}"
         return Problem("messages", text, "no message")

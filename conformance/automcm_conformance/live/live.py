@@ -277,7 +277,7 @@ class Live:
                 text = f"{what} was received at {at} ms, but {timer[0]} expires at {due} ms"
                 raise Failed("overdue", text)
         if wanted:
-            raise Failed("unexpected", first_difference(wanted[0], found))
+            raise Failed("unexpected", first_difference(wanted[0], found).text)
         raise Failed("unexpected", unexpected_message(found))
 
     def _messages_of(self, timer: Timer | None) -> Sequence[Message]:

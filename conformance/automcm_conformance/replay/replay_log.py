@@ -111,8 +111,8 @@ def replay(
     try:
         require_replayable(found)
         with Process(command, limit_s=limit_s) as process:
-            run = _Run(found, process, read_hello(process.exchange([SAY_HELLO])[0]), result)
-            run.start(out, seed)
+            hello = read_hello(process.exchange([SAY_HELLO])[0])
+            run = _Run(found, process, hello, result, out, seed)
             run.play()
             if problem := process.stop():
                 result.notes.append(problem)
@@ -127,7 +127,7 @@ def replay(
         result.verdict, result.event = "error", str(error)
         result.stderr = list(getattr(error, "stderr", ()))
     if run is not None:
-        run.end("crash" if result.verdict == "error" else "clean")
+        run.monitor.end("crash" if result.verdict == "error" else "clean")
     if result.verdict == "diverges":
         result.in_log = explain(read(result.log)).verdict == "diverges"
     if result.verdict == "allowed":
@@ -144,52 +144,45 @@ class _Run:
         process: Process,
         hello: HelloAnswer,
         result: Replayed,
+        out: Path,
+        seed: int,
     ) -> None:
-        self._found, self._process, self._hello = found, process, hello
-        self._result = result
+        """Start a new station.  Raises the same errors as Monitor."""
+        self._found, self._hello, self._result = found, hello, result
+        header = found.header
         fixed = {str(n): v for n, v in hello.fixed.items()}
-        self._parameters, notes = found.parameters(fixed, hello.features)
+        parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
-        self._names = Renaming(found.header.station, found.numbers)
+        self._names = Renaming(header.station, found.numbers)
         self._now = found.first_ms
         self._expired_ms = -1
         """The time in ms at which a timer of the log last expired."""
         self._backoffs = found.backoffs if "durations" in hello.features else []
-        self._monitor: Monitor | None = None
         self._skipped = 0
-
-    def start(self, out: Path, seed: int) -> None:
-        """Start a new station.  Raises the same errors as Monitor."""
-        header = self._found.header
         files.folder(out, named=True)
-        new = out / f"{self._found.path.stem}-replayed.ndjson"
-        self._result.log = str(new)
-        self._monitor = Monitor(
+        new = out / f"{found.path.stem}-replayed.ndjson"
+        result.log = str(new)
+        self.monitor = Monitor(
             header.station,
-            self._process,
+            process,
             new,
-            self._result.exchange,
-            self._hello,
-            self._parameters,
+            result.exchange,
+            hello,
+            parameters,
             run=header.run,
             seed=seed,
             now=self._now,
         )
-        self._set_backoff()
 
     def play(self) -> None:
         """Replay the whole log."""
+        self._set_backoff()
         for line, event in LogStream(self._found.path):
             self._event(line, event)
         self._advance(self._found.last_ms)
         if self._skipped:
             text = f"{self._skipped} malformed messages cannot be given to an adapter: left out"
             self._result.notes.append(f"{text}, as a station discards them (END-5)")
-
-    def end(self, reason: str) -> None:
-        """Close the new log."""
-        if self._monitor is not None:
-            self._monitor.end(reason)
 
     # -- the log
 
@@ -270,9 +263,8 @@ class _Run:
 
     def _advance(self, to: int) -> None:
         """Advance to ``to`` (ms) from deadline to deadline; timers due at ``to`` expire."""
-        assert self._monitor is not None
         while True:
-            due = self._monitor.deadline
+            due = self.monitor.deadline
             latest = self._now + MAX_STEP_MS
             at = latest if due is None else min(due, latest)
             if at > to:
@@ -282,22 +274,19 @@ class _Run:
     def _give(
         self, now: int, command: Object, tx: str | None = None, raw: str | None = None
     ) -> None:
-        monitor, kept = self._monitor, self._result.exchange
-        assert monitor is not None
         self._now = now
-        monitor.give(now, command, tx, raw)
-        del kept[:-SHOWN]
-        for _, m in monitor.sent:
+        self.monitor.give(now, command, tx, raw)
+        del self._result.exchange[:-SHOWN]
+        for _, m in self.monitor.sent:
             self._names.sent(m)
         self._set_backoff()
 
     def _set_backoff(self) -> None:
         """Give the next back-off the duration that it has in the log."""
-        assert self._monitor is not None
-        if self._monitor.backoffs < len(self._backoffs):
-            ms = self._backoffs[self._monitor.backoffs]
-            if ms != self._monitor.backoff:
-                self._monitor.set_backoff(ms)
+        if self.monitor.backoffs < len(self._backoffs):
+            ms = self._backoffs[self.monitor.backoffs]
+            if ms != self.monitor.backoff:
+                self.monitor.set_backoff(ms)
 
 
 def _object(raw: str) -> Object | None:

@@ -8,7 +8,6 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from time import monotonic
 
@@ -23,7 +22,7 @@ from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.purposes import load as load_purposes
 from automcm_conformance.suite.tally import WHOLE, PairPart
 from automcm_conformance.suite.verdicts import Expectations, report
-from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError, load
+from automcm_spec.graph.oracle import Oracle, OracleError, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT
 from automcm_spec.graph.oracle_generation import spec_hash as present_hash
 from automcm_spec.support.collection import uncollected
@@ -53,19 +52,20 @@ def conform(
     Raises AdapterError or ProtocolError if the adapter does not answer ``hello``, and OracleError.
     """
     spec = present_hash()
-    graphs = Graphs(spec)
+    with uncollected():
+        one = load(ONE_PEER.path, spec)
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.quick = stop_after, quick
     with keeping_results(runner), uncollected(), _finishing(runner):
         if any(purpose.select for purpose in purposes):
-            tours(runner, graphs)
+            tours(runner, one)
             if not quick:
                 named_cases.samples(runner, folder)
-        special(runner, graphs, purposes, folder)
+        special(runner, one, purposes, folder)
         discards = any(purpose.case.startswith("malformed ") for purpose in purposes)
         if discards and not runner.cut_short:
-            (reset,) = runner.exchange(graphs.one).unwritten_lines
+            (reset,) = runner.exchange(one).unwritten_lines
             runner.notes.append(nesting(adapter, reset))
     return report(runner, folder, spec, selectors, expected)
 
@@ -107,51 +107,22 @@ def _finishing(runner: Runner) -> Iterator[None]:
         signal.signal(signal.SIGINT, was)
 
 
-class Graphs:
-    """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
-    of the others. Raises OracleError, here or later."""
-
-    def __init__(self, spec_hash: str) -> None:
-        """``spec_hash``: of the specification that the graphs were made from."""
-        with uncollected():
-            self.one = load(ONE_PEER.path, spec_hash)
-        self.owners = Owners(load_purposes())
-
-    @cached_property
-    def two(self) -> Oracle:
-        """The graph with two peers."""
-        return two_peers(self.one.spec_hash)
-
-    @cached_property
-    def third(self) -> list[OracleAnswer]:
-        """The pairs that need a third station."""
-        return two_peer_pairs.read(self.two)
-
-    @cached_property
-    def tight(self) -> Oracle:
-        """The graph with the limits of the tight model."""
-        return load(TIGHT.path, self.one.spec_hash)
-
-    @cached_property
-    def limits(self) -> list[OracleAnswer]:
-        """The pairs that MEM-1 decides."""
-        return list(self.tight.decided_by({"MEM-1"}))
-
-
-def tours(runner: Runner, graphs: Graphs) -> None:
-    """Test the pairs of the graphs."""
-    owners, rules = graphs.owners, runner.rules
-    limits = graphs.limits if "MEM-1" in rules else []
-    runner.graph(PairPart("one-peer", graphs.one), graphs.one.decided_by(rules), owners)
+def tours(runner: Runner, one: Oracle) -> None:
+    """Test the pairs of the graphs. Raises OracleError."""
+    owners, rules = Owners(load_purposes()), runner.rules
+    runner.graph(PairPart("one-peer", one), one.decided_by(rules), owners)
     if not runner.quick:
-        third = [answer for answer in graphs.third if answer.effect.rule in rules]
-        runner.graph(PairPart("two-peers, beyond one-peer", graphs.two, True), third, owners)
-    runner.graph(PairPart("tight, MEM-1", graphs.tight), limits, owners)
+        two = two_peers(one.spec_hash)
+        third = [answer for answer in two_peer_pairs.read(two) if answer.effect.rule in rules]
+        runner.graph(PairPart("two-peers, beyond one-peer", two, True), third, owners)
+    tight = load(TIGHT.path, one.spec_hash)
+    limits = tight.decided_by(rules & {"MEM-1"})
+    runner.graph(PairPart("tight, MEM-1", tight), limits, owners)
 
 
-def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
+def special(runner: Runner, one: Oracle, purposes: Sequence[Purpose], folder: Path) -> None:
     """Run the named cases. Between them garbage is collected, without the permanent values."""
-    part = PairPart("special", graphs.one)
+    part = PairPart("special", one)
     gc.freeze()
     try:
         for purpose in purposes:
