@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from typing import Generic, TypeVar
 
@@ -35,8 +36,6 @@ class ArmedTimers(Generic[T]):
         self.running: dict[T, Running[T]] = {}
         self.inputs = 0
         """How many inputs have armed timers."""
-        self._first: Running[T] | None = None
-        self._sure = self._looked = True
 
     def arm(self, timer: T, deadline: int, message: Hashable = None, type_: str = "") -> None:
         """Arm a timer, or arm it again. ``message``: the message it belongs to, of type
@@ -46,7 +45,7 @@ class ArmedTimers(Generic[T]):
         self.running.pop(timer, None)
         place = rank(name, type_ == "Advertisement")
         self.running[timer] = Running(timer, deadline, place, age, message)
-        self._looked = False
+        self._changed()
 
     def _age(self, message: Hashable) -> int:
         """The age of a message that has an armed timer, or else of a new one: when nothing of a
@@ -57,12 +56,12 @@ class ArmedTimers(Generic[T]):
     def stop(self, timer: T) -> None:
         """Remove a timer that is stopped or has expired."""
         del self.running[timer]
-        self._looked = False
+        self._changed()
 
     def learn(self, timer: T, deadline: int) -> None:
         """Set a deadline that only the station knew."""
         self.running[timer].deadline = deadline
-        self._looked = False
+        self._changed()
 
     def deadline(self, timer: T) -> int | None:
         """The deadline of a timer; None if it is not armed."""
@@ -72,24 +71,23 @@ class ArmedTimers(Generic[T]):
     @property
     def first(self) -> Running[T] | None:
         """The timer that expires next, of those whose deadline is known."""
-        if not self._looked:
-            self._look()
-        return self._first
+        return self._look[0]
 
     @property
     def sure(self) -> bool:
         """Whether all deadlines are known."""
-        if not self._looked:
-            self._look()
-        return self._sure
+        return self._look[1]
 
     def due(self, now: int) -> T | None:
         """The due timer that fires next; None if no timer is due."""
         first = self.first
         return first.timer if first is not None and first.deadline <= now else None
 
-    def _look(self) -> None:
+    @cached_property
+    def _look(self) -> tuple[Running[T] | None, bool]:
+        """``first`` and ``sure``, until a timer changes."""
         known = [each for each in self.running.values() if each.deadline != UNKNOWN]
-        self._sure = len(known) == len(self.running)
-        self._first = min(known, key=_TURN, default=None)
-        self._looked = True
+        return min(known, key=_TURN, default=None), len(known) == len(self.running)
+
+    def _changed(self) -> None:
+        self.__dict__.pop("_look", None)

@@ -143,13 +143,7 @@ def replay_failure(file: Path, command: Sequence[str], limit_s: float) -> Replay
     return ReplayedFailure(about["case"], about["rule"], verdict, what, sent, stderr)
 
 
-def write_log(
-    path: Path,
-    case: str,
-    steps: Sequence[Step],
-    name: str,
-    version: str,
-) -> None:
+def _write_log(path: Path, case: str, steps: Sequence[Step], hello: HelloAnswer) -> None:
     """Write the exchange as a log of the station: its answers, with the timers of the
     specification. Raises ValueError if a log cannot hold it."""
     if any(step.pairs and not step.effects for step in steps):
@@ -157,7 +151,8 @@ def write_log(
     reset = steps[0].command
     known = {n: ms for n, ms in reset["parameters"].items() if n in (*LIMITS, "clock_drift")}
     count = itertools.count(1)
-    about = {"run": case, "station": reset["station"], "implementation": name, "version": version}
+    about = {"run": case, "station": reset["station"]}
+    about |= {"implementation": hello.name, "version": hello.version}
     with (
         files.writing(path) as file,
         LogWriter(file, **about, parameters=known, complete=EVENT_KINDS) as log,
@@ -196,13 +191,15 @@ def write_log(
             send(c for c in cams if c not in before)
 
 
-def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: HelloAnswer) -> str:
+def log_of(folder: Path, case: str, steps: Sequence[Step], hello: HelloAnswer) -> str:
     """Write the log of an exchange into the ``logs`` of a folder. Returns its relative path, or an
-    empty text if a log cannot hold an answer."""
-    path = folder / "logs" / f"{name}.ndjson"
+    empty text if there is no exchange, or a log cannot hold an answer."""
+    if not steps:
+        return ""
+    path = folder / "logs" / f"{case.replace('/', '-')}.ndjson"
     files.folder(path.parent)
     try:
-        write_log(path, case, steps, hello.name, hello.version)
+        _write_log(path, case, steps, hello)
     except ValueError:
         path.unlink(missing_ok=True)
         return ""

@@ -67,7 +67,7 @@ class Walk:
     def id(self, seed: int) -> str:
         """The case id: seed and number determine the walk, the rest describes it."""
         times = "durations" if self.setting.timed else "natural"
-        return f"EXPLORE/{seed}/{self.number}/{self.coverage.name}/{times}/{self.faults}"
+        return f"EXPLORE/{seed}/{self.number}/{self.coverage.oracle.name}/{times}/{self.faults}"
 
 
 class Explorer:
@@ -77,43 +77,34 @@ class Explorer:
     """
 
     def __init__(
-        self, runner: Runner, oracles: dict[str, Oracle], folder: Path, seed: int, enough: int
+        self, runner: Runner, oracles: Sequence[Oracle], folder: Path, seed: int, enough: int
     ) -> None:
         self.runner = runner
         self.seed = seed
         self._folder = folder
         self._enough = enough
-        self.coverages = [
-            WalkCoverage(name, o, runner.allowed(o))
-            for name, o in oracles.items()
-            if not runner.unfit(o)
-        ]
-        spec_hash = next(iter(oracles.values())).spec_hash
-        self.found = Exploration(implementation(runner), seed, spec_hash)
+        fit = (o for o in oracles if not runner.unfit(o))
+        self.coverages = [WalkCoverage(o, runner.allowed(o)) for o in fit]
+        self.found = Exploration(implementation(runner), seed, oracles[0].spec_hash)
         self._known: set[tuple[str, ...]] = set()
 
     def run(self, more: Callable[[int], bool]) -> None:
         """Walk while ``more``, called with the number of walks, returns true."""
-        while self._continues and more(self.found.walks):
-            self._walk(self.found.walks + 1)
-            self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         if not self.coverages:
             self.found.problems.append("no graph has the fixed limits of the implementation")
-
-    @property
-    def _continues(self) -> bool:
-        return (
-            bool(self.coverages)
-            and not self.runner.cut_short
-            and (len(self.found.cases) < self._enough)
-        )
+            return
+        while len(self.found.cases) < self._enough and more(self.found.walks):
+            if self.runner.cut_short:
+                break
+            self._walk(self.found.walks + 1)
+            self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
 
     # -- walks
 
     def _walk(self, number: int) -> None:
         """Play a new walk and judge it."""
         random = Random(f"{self.seed}/{number}")
-        weights = [WEIGHTS[coverage.name] for coverage in self.coverages]
+        weights = [WEIGHTS[coverage.oracle.name] for coverage in self.coverages]
         coverage = random.choices(self.coverages, weights)[0]
         faults = Faults(
             random.choice((0, 5, 20)),
@@ -211,15 +202,14 @@ class Explorer:
         runner, oracle, case = self.runner, each.coverage.oracle, each.id(self.seed)
         runner.labelled(oracle, pair_of(error), error, None, unconfirmed=unconfirmed)
         described = failure(runner, case, 1, error, self._folder)
-        name = case.replace("/", "-")
         rule = rule_of(oracle, error)
-        given = f"a walk over {each.coverage.name} with {each.faults}"
+        given = f"a walk over {oracle.name} with {each.faults}"
         self.found.cases.append(
             CaseResult(
                 *(case, error.verdict, [rule] if rule else [], "MUST", given, "", "", "", ""),
                 reason=described.what,
                 failures=[described],
-                log=records.log_of(self._folder, name, case, error.steps, runner.adapter.hello),
+                log=records.log_of(self._folder, case, error.steps, runner.adapter.hello),
             )
         )
         self.found.acts[case] = acts
@@ -250,7 +240,7 @@ def explore(
     """
     spec = present_hash()
     with uncollected():
-        oracles = {o.name: o for o in (load(graph.path, spec) for graph in GRAPHS)}
+        oracles = [load(graph.path, spec) for graph in GRAPHS]
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, (), seed, notify)
     explorer = Explorer(runner, oracles, folder, seed, enough)
@@ -263,5 +253,5 @@ def explore(
         gc.unfreeze()
     found.broke = runner.broke
     found.problems += filter(None, [runner.cut_short, *adapter.problems])
-    found.coverage = {g.name: g.counts() for g in explorer.coverages}
+    found.coverage = {g.oracle.name: g.counts() for g in explorer.coverages}
     return found

@@ -78,7 +78,6 @@ class Setting:
 class WalkCoverage:
     """A graph, with the pairs of state and input that may be walked and that have been."""
 
-    name: str
     oracle: Oracle
     allowed: Allowed
     """Whether the station can be given this input in this state (``Runner.allowed``)."""

@@ -59,7 +59,7 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden
-    tally.log = _log(runner, folder, purpose.id, steps)
+    tally.log = records.log_of(folder, purpose.id, steps, runner.adapter.hello)
 
 
 def scenario(runner: Runner, purpose: Purpose, folder: Path) -> None:
@@ -86,7 +86,7 @@ def samples(runner: Runner, folder: Path) -> None:
     get equal answers."""
     for name, tally in runner.tallies.items():
         if tally.faults:
-            tally.log = _log(runner, folder, name, tally.faults[0].steps)
+            tally.log = records.log_of(folder, name, tally.faults[0].steps, runner.adapter.hello)
         elif tally.sample is not None and not runner.cut_short:
             runner.notify(f"log: {name}")
             _sample(runner, tally, *tally.sample, folder)
@@ -112,7 +112,7 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
         fault = runner.labelled(part.oracle, pair, found, tally.purpose, unconfirmed=unconfirmed)
         tally.faults.append(fault)
         return
-    tally.log = _log(runner, folder, tally.purpose.id, runs[0])
+    tally.log = records.log_of(folder, tally.purpose.id, runs[0], runner.adapter.hello)
     for one, other in zip(*runs, strict=True):
         if one.answer != other.answer:
             what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
@@ -122,10 +122,3 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
                 runner.labelled(part.oracle, pair, differs, tally.purpose, unconfirmed=why)
             )
             return
-
-
-def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
-    """Write the log of an exchange. Returns its relative path, or an empty text if there is none,
-    or if a log cannot hold an answer."""
-    name = case.replace("/", "-")
-    return records.log_of(folder, name, case, steps, runner.adapter.hello) if steps else ""

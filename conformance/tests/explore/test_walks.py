@@ -69,7 +69,7 @@ def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
 
 def test_a_case_says_what_it_was_played_with() -> None:
     oracle = graph(ONE_PEER.path)
-    coverage = WalkCoverage("one-peer", oracle, lambda state, i: True)
+    coverage = WalkCoverage(oracle, lambda state, i: True)
     walk = explore.Walk(12, coverage, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
     assert walk.id(7) == "EXPLORE/7/12/one-peer/natural/again5-late0-odd40-silent20"
 
