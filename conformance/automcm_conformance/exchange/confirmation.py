@@ -19,15 +19,15 @@ UNSHOWN = ("hang", "start")
 """Failures of the process that are not repeated: a hang takes the whole limit of an answer."""
 
 
-def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
-    """The failure in a fresh process, up to the very line that shows it, and an empty text.
+def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> Wrong:
+    """The failure in a fresh process, up to the very line that shows it.
 
-    If a fresh process does not fail: the given error, and one of UNCONFIRMED. State is kept only if
-    the used process fails again at these lines; if it has been ended, if it has failed before
-    (``repeated``). Crashes on the way do not count.
+    If a fresh process does not fail: the given error, which says so in ``unconfirmed``. State is
+    kept only if the used process fails again at these lines; if it has been ended, if it has failed
+    before (``repeated``). Crashes on the way do not count.
     """
     if not _shows(error):
-        return error, ""
+        return error
     counts = adapter.broken, adapter.hung
     steps = error.sent if isinstance(error, Broken) else error.steps
     try:
@@ -36,11 +36,13 @@ def in_fresh_process(adapter: Adapter, error: Wrong, *, repeated: bool) -> tuple
         adapter.renew()
         if found := _again(adapter, error, steps):
             alike = type(found) is type(error) is Mismatch and len(found.steps) == len(error.steps)
-            return error if alike else found, ""
-        if _again(adapter, error, steps):
-            return error, KEPT
-        adapter.renew()
-        return error, KEPT if repeated and not _again(adapter, error, steps) else NONDETERMINISTIC
+            return error if alike else found
+        is_kept = _again(adapter, error, steps) is not None
+        if not is_kept:
+            adapter.renew()
+            is_kept = repeated and not _again(adapter, error, steps)
+        error.unconfirmed = KEPT if is_kept else NONDETERMINISTIC
+        return error
     finally:
         adapter.renew()
         adapter.broken, adapter.hung = counts

@@ -166,24 +166,24 @@ class Explorer:
             return
         self._known.add(signature)
         counts = adapter.broken, adapter.hung
-        error, unconfirmed = in_fresh_process(adapter, error, repeated=False)
+        error = in_fresh_process(adapter, error, repeated=False)
         acts = each.acts
-        if not unconfirmed:
+        if not error.unconfirmed:
             self._known.add(_signature(oracle, error))
             attempt = partial(self._attempt, each, rule_of(oracle, error))
             shrinker = Shrinker(each.coverage, attempt, self.runner.timed, adapter)
             try:
                 short = shrinker.shrink(FailingWalk(each.setting, acts, error))
                 acts = short.acts
-                error, unconfirmed = in_fresh_process(adapter, short.error, repeated=True)
+                error = in_fresh_process(adapter, short.error, repeated=True)
             except KeyboardInterrupt:
                 self._report(each, error, len(acts))
                 raise
             adapter.broken, adapter.hung = counts  # repetitions do not count
         self._known.add(_signature(oracle, error))
-        if (pair := pair_of(error)) is not None and not unconfirmed:
+        if (pair := pair_of(error)) is not None and not error.unconfirmed:
             each.coverage.avoided.add(pair)
-        self._report(each, error, min(error.steps[-1].place + 1, len(acts)), unconfirmed)
+        self._report(each, error, min(error.steps[-1].place + 1, len(acts)))
 
     def _attempt(
         self, each: Walk, rule: str, setting: Setting, acts: Sequence[Act]
@@ -198,9 +198,9 @@ class Explorer:
             return error if rule == rule_of(each.coverage.oracle, error) else None
         return None
 
-    def _report(self, each: Walk, error: Wrong, acts: int, unconfirmed: str = "") -> None:
+    def _report(self, each: Walk, error: Wrong, acts: int) -> None:
         runner, oracle, case = self.runner, each.coverage.oracle, each.id(self.seed)
-        runner.labelled(oracle, pair_of(error), error, None, unconfirmed=unconfirmed)
+        runner.labelled(oracle, pair_of(error), error, None)
         described = failure(runner, case, 1, error, self._folder)
         rule = rule_of(oracle, error)
         given = f"a walk over {oracle.name} with {each.faults}"

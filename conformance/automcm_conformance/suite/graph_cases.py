@@ -383,7 +383,9 @@ class Runner:
             self.adapter.problems.append(f"{broken}; a fresh process does not end")
             return
         steps = [*done[:answered], replace(done[min(answered, len(done) - 1)], answer=b"")]
-        self._blame(part, pairs[-1], Broken(steps, broken), unconfirmed=KEPT)
+        ended = Broken(steps, broken)
+        ended.unconfirmed = KEPT
+        self._blame(part, pairs[-1], ended)
 
     def _singly(self, part: PairPart, active: TourInProgress) -> TourInProgress:
         """Play a tour again line by line in a fresh process: an adapter that reads many lines
@@ -482,11 +484,10 @@ class Runner:
                 short = inputs, whole
         self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
-            unconfirmed = ""
             if not hangs:
-                error, unconfirmed = self.confirmed(tally, error, repeated=False)
+                error = self.confirmed(tally, error, repeated=False)
             case = tours.avoid(seen)
-            self._blame(part, seen, error, unconfirmed=unconfirmed)
+            self._blame(part, seen, error)
             if case is not None:
                 self._reached(part, case, seen)
             return
@@ -499,14 +500,14 @@ class Runner:
                 inputs, error = near
                 culprit, why = self._culprit(part, inputs, error, True)
         blamed = self._tally(part, part.oracle.given(*culprit))
-        error, unconfirmed = self.confirmed(blamed, error, repeated=True)
+        error = self.confirmed(blamed, error, repeated=True)
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
             tours.avoid(seen)
             return
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(part, culprit, error, why, unconfirmed=unconfirmed)
+        self._blame(part, culprit, error, why)
 
     def hung(self, part: PairPart, error: Wrong) -> None:
         """Count a hang, which takes the whole limit of an answer: the last one ends the part."""
@@ -521,12 +522,13 @@ class Runner:
             text = f"{part.name}: the rest is skipped after {HANGS} hangs at {what}"
             self.adapter.problems.append(text)
 
-    def confirmed(self, tally: Tally | None, error: Wrong, *, repeated: bool) -> tuple[Wrong, str]:
+    def confirmed(self, tally: Tally | None, error: Wrong, *, repeated: bool) -> Wrong:
         """``in_fresh_process``, for the first failure of a case."""
         known = tally is None or any(not fault.unconfirmed for fault in tally.faults)
-        if known:
-            return error, "" if repeated else NONDETERMINISTIC
-        return in_fresh_process(self.adapter, error, repeated=repeated)
+        if not known:
+            return in_fresh_process(self.adapter, error, repeated=repeated)
+        error.unconfirmed = "" if repeated else NONDETERMINISTIC
+        return error
 
     def resynchronize(self, error: Wrong) -> None:
         """Use a fresh process for the next exchange if the station sent a line too many."""
@@ -558,14 +560,12 @@ class Runner:
             return pair, f"; the timer {name} lasts {lasts}, {wrong}"
         return last, ""
 
-    def _blame(
-        self, part: PairPart, pair: Pair, error: Wrong, why: str = "", *, unconfirmed: str = ""
-    ) -> None:
+    def _blame(self, part: PairPart, pair: Pair, error: Wrong, why: str = "") -> None:
         tally = self._tally(part, part.oracle.given(*pair))
         if isinstance(error, Mismatch) and error.parts == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self.labelled(part.oracle, pair, error, purpose, why, unconfirmed=unconfirmed)
+        fault = self.labelled(part.oracle, pair, error, purpose, why)
         if tally is None:
             self.elsewhere = self.elsewhere or fault
             return
@@ -581,8 +581,6 @@ class Runner:
         error: Wrong,
         purpose: Purpose | None,
         why: str = "",
-        *,
-        unconfirmed: str = "",
     ) -> Wrong:
         """A wrong answer with what decides ``pair``; without one, with the case's first rule."""
         decided = Deciding(purpose.rules[0] if purpose else "")
@@ -596,7 +594,7 @@ class Runner:
             decided = Deciding("END-6", "Ack", operators()["Ack"][0])
         elif isinstance(error, Mismatch) and error.parts == {"cams"} and purpose is not None:
             decided = Deciding(purpose.rules[0])
-        error.deciding, error.more, error.unconfirmed = decided, why, unconfirmed
+        error.deciding, error.more = decided, why
         return error
 
 

@@ -49,12 +49,10 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
     except Wrong as error:
         runner.adapter.renew()
         runner.hung(part, error)
-        wrong, unconfirmed = runner.confirmed(tally, error, repeated=True)
+        wrong = runner.confirmed(tally, error, repeated=True)
         steps = wrong.steps
         pair = deciding_pair(part.oracle, wrong)
-        tally.faults.append(
-            runner.labelled(part.oracle, pair, wrong, purpose, unconfirmed=unconfirmed)
-        )
+        tally.faults.append(runner.labelled(part.oracle, pair, wrong, purpose))
     runner.notes.append(watch.note)
     tally.reached = count + len(tally.faults)
     tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
@@ -108,17 +106,14 @@ def _sample(runner: Runner, tally: Tally, part: PairPart, pair: Pair, folder: Pa
             wrong.append(error)
         runs.append(wrong[-1].steps if wrong else x.done)
     if wrong:
-        found, unconfirmed = runner.confirmed(tally, wrong[0], repeated=len(wrong) == 2)
-        fault = runner.labelled(part.oracle, pair, found, tally.purpose, unconfirmed=unconfirmed)
-        tally.faults.append(fault)
-        return
-    tally.log = records.log_of(folder, tally.purpose.id, runs[0], runner.adapter.hello)
-    for one, other in zip(*runs, strict=True):
-        if one.answer != other.answer:
-            what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
-            differs = Mismatch(runs[1], [Problem("answer", what)])
-            why = NONDETERMINISTIC
-            tally.faults.append(
-                runner.labelled(part.oracle, pair, differs, tally.purpose, unconfirmed=why)
-            )
+        fault = runner.confirmed(tally, wrong[0], repeated=len(wrong) == 2)
+    else:
+        tally.log = records.log_of(folder, tally.purpose.id, runs[0], runner.adapter.hello)
+        both = ((one.answer, other.answer) for one, other in zip(*runs, strict=True))
+        differ = next(((one, other) for one, other in both if one != other), None)
+        if differ is None:
             return
+        what = f"{differ[1][:200]!r}, before {differ[0][:200]!r}"
+        fault = Mismatch(runs[1], [Problem("answer", what)])
+        fault.unconfirmed = NONDETERMINISTIC
+    tally.faults.append(runner.labelled(part.oracle, pair, fault, tally.purpose))

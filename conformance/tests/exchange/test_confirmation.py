@@ -68,7 +68,7 @@ def test_state_is_kept_only_if_the_used_process_fails_again(
     step.answer = b'{"messages":[],"indications":[],"deadline":7}'
     adapter: Any = Scripted(wrong, runs)
     error = Mismatch([step], differences(step.expected, step.answer))
-    assert in_fresh_process(adapter, error, repeated=True)[1] == why
+    assert in_fresh_process(adapter, error, repeated=True).unconfirmed == why
 
 
 def test_a_surplus_line_is_shown_instead_of_what_follows_from_it() -> None:
@@ -80,7 +80,7 @@ def test_a_surplus_line_is_shown_instead_of_what_follows_from_it() -> None:
     step.answer = b'{"messages":[],"indications":[],"deadline":7}'
     error = Mismatch([step], differences(step.expected, step.answer))
     adapter: Any = Writes([], runs=False)
-    assert str(in_fresh_process(adapter, error, repeated=True)[0]) == "too many"
+    assert str(in_fresh_process(adapter, error, repeated=True)) == "too many"
 
 
 BATCHES = """
