@@ -124,6 +124,17 @@ def test_adv_8_a_newer_session_counts_anew() -> None:
     assert s.state.joined == {PRESCRIBER: 2}
 
 
+def test_adv_8_forgetting_one_prescriber_moves_no_other() -> None:
+    s = Stage()
+    s.hear(0, advertisement((OTHER, 1)))
+    s.hear(100, cancel("abort", OTHER, (OTHER, 1)))
+    s.hear(5000, advertisement())
+    s.run(6300)
+    assert s.state.joined.keys() == {PRESCRIBER}
+    s.hear(6400, cancel())
+    assert s.deadline("forget") == 5000 + 6300
+
+
 def backoff_of(seed: int) -> int:
     s = Stage(seed=seed)
     s.do(0, "request")
