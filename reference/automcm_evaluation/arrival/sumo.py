@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -162,11 +163,8 @@ class Trial:
 
 def libsumo() -> Any:
     """The module libsumo.  Raises ExperimentError if it is not installed."""
-    try:
-        return import_module("libsumo")
-    except ModuleNotFoundError as error:
-        if error.name != "libsumo":
-            raise
+    if find_spec("libsumo") is None:
         raise ExperimentError(
             "the comparison with SUMO needs it: pip install 'automcm[sumo]', or --set sumo=false"
-        ) from None
+        )
+    return import_module("libsumo")

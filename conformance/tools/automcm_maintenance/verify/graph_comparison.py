@@ -90,10 +90,9 @@ def walk(
     oracle: Oracle,
     adapter: Reference,
     *,
-    transitions_only: bool = False,
     stop_at_first: bool = False,
 ) -> WalkResult:
-    """Compare every state and every possible input (or only those that change the state).
+    """Compare every state and every possible input.
 
     An exception of the implementation is a difference.  If it cannot enter a state, no input is
     compared there.
@@ -114,9 +113,7 @@ def walk(
     reached: dict[int, Any] = {0: adapter.save()}
     for n, state in enumerate(oracle.states):
         here = {"state": state, "marks": oracle.marks[n]}
-        answers: Iterable[OracleAnswer] = (
-            oracle.changes(n) if transitions_only else oracle.answers(n)
-        )
+        answers: Iterable[OracleAnswer] = oracle.answers(n)
         try:
             adapter.put(state)
             round_trip = {"state": adapter.state(), "marks": adapter.marks()}

@@ -57,14 +57,10 @@ def show(report: VerifyReport, console: Console) -> None:
         console.print(f"[red]See[/]         {escape(text)}", soft_wrap=True)
     for text in report.all_errors:
         console.print(f"[red]Error[/]       {escape(text)}")
-    if report.kept:
-        of, same = len(report.verdicts), "nothing they depend on has changed"
-        console.print(f"Kept        {report.kept} of {of} models: {same} (--fresh runs all)")
-    if report.kept_stages:
-        stages = ", ".join(report.kept_stages)
-        console.print(
-            f"Kept        {stages}: nothing they depend on has changed (--fresh runs all)"
-        )
+    models_kept = [f"{report.kept} of {len(report.verdicts)} models"] if report.kept else []
+    stages_kept = [", ".join(report.kept_stages)] if report.kept_stages else []
+    for what in models_kept + stages_kept:
+        console.print(f"Kept        {what}: nothing they depend on has changed (--fresh runs all)")
     if report.left:
         console.print(f"Left to full  {', '.join(report.left)}: make verify ARGS='--profile full'")
     parts = "; ".join(f"{name} {seconds:.0f} s" for name, seconds in report.seconds.items())
@@ -157,17 +153,14 @@ def _problem(v: models.ModelVerdict) -> tuple[str, ...]:
 
 
 def _comparison(report: VerifyReport, console: Console) -> None:
-    for name, c in report.compared.items():
-        console.print(
-            f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs (every input), "
-            f"{c.differences} differences"
-        )
-    for name, a in report.compiled.items():
-        console.print(
-            f"Compiled    {name}: {a.states:,} states, {a.inputs:,} inputs (every input), "
-            f"{a.differences} differences"
-        )
-        for found in a.found[:1]:
+    for word, results in (("Comparison", report.compared), ("Compiled", report.compiled)):
+        for name, of in results.items():
+            console.print(
+                f"{word:11} {name}: {of.states:,} states, {of.inputs:,} inputs (every input), "
+                f"{of.differences} differences"
+            )
+    for agreement in report.compiled.values():
+        for found in agreement.found[:1]:
             _differs(console, str(found))
     if report.behaviours:
         console.print(
