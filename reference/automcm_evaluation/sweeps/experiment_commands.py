@@ -32,7 +32,6 @@ Changes = Annotated[
     typer.Option("--set", help="NAME=JSON: change the value of a setting.  Repeatable."),
 ]
 Workers = Annotated[int, typer.Option(help="Number of processes (0 = one for each core).", min=0)]
-Again = Annotated[bool, typer.Option("--again", help="Repeat cells that are already finished.")]
 OUT = Path("runs/evaluation")
 
 
@@ -60,7 +59,6 @@ def _command(name: str, about: str) -> None:
         out: Out = OUT,
         changes: Changes = None,
         workers: Workers = 0,
-        again: Again = False,
     ) -> None:
         from automcm_evaluation.framework.experiment import ExperimentError
         from automcm_evaluation.sweeps import report, sweep
@@ -77,14 +75,8 @@ def _command(name: str, about: str) -> None:
                 begun = time.monotonic()
                 about = sweep.header(one, profile, seed, chosen)
                 folder = out / one.name
-                cells = sweep.sweep(
-                    one,
-                    about,
-                    folder,
-                    workers=workers,
-                    again=again,
-                    notify=_counted(one.name, notify),
-                )
+                counted = _counted(one.name, notify)
+                cells = sweep.sweep(one, about, folder, workers=workers, notify=counted)
                 made_of_them = report.assemble(one, about, cells)
                 written = report.write(made_of_them, folder)
                 reports.append(made_of_them)

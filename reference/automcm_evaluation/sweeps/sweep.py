@@ -102,14 +102,13 @@ def finish(
     folder: Path,
     *,
     workers: int = 0,
-    again: bool = False,
     notify: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Cell]:
     """Run the cells with these values, in this order, except those that are already finished.
 
     ``run`` must be picklable; ``of`` is what a result depends on besides the values.
-    ``workers``: processes; 0: one for each core.  ``again``: repeat finished cells.  ``notify``
-    gets the number of finished cells and of all cells.
+    ``workers``: processes; 0: one for each core.  ``notify`` gets the number of finished cells and
+    of all cells.
 
     Raises ExperimentError for a cell that is wanted twice, a file that is no cell, and a process
     that broke off; OSError for a folder that cannot be written or a disk that is full.
@@ -119,7 +118,7 @@ def finish(
         raise ExperimentError("the sweep contains a cell twice")
     files.folder(folder, named=True)
     files.folder(folder / CELLS)
-    missing = [v for v in wanted if again or not kept[canonical(v)].exists()]
+    missing = [v for v in wanted if not kept[canonical(v)].exists()]
     before = len(wanted) - len(missing)
     notify(before, len(wanted))
     for n, (values, result) in enumerate(_results(run, missing, workers), before + 1):

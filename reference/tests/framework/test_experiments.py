@@ -65,10 +65,10 @@ def dice(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFacto
     return thrown
 
 
-def run(thrown: Thrown, folder: Path, seed: int = 1, again: bool = False, **changes: Json) -> Json:
+def run(thrown: Thrown, folder: Path, seed: int = 1, **changes: Json) -> Json:
     made = thrown.experiment()
     about = sweep.header(made, "quick", seed, made.set("quick", changes))
-    cells = sweep.sweep(made, about, folder, workers=1, again=again)
+    cells = sweep.sweep(made, about, folder, workers=1)
     return report.assemble(made, about, cells)
 
 
@@ -89,8 +89,6 @@ def test_an_interrupted_sweep_goes_on_and_gives_the_same(dice: Thrown, tmp_path:
     assert dice.ran == [6, 20]
     run(dice, tmp_path / "cut")
     assert dice.ran == [6, 20], "nothing is run twice"
-    run(dice, tmp_path / "cut", again=True)
-    assert dice.ran == [6, 20, 6, 20]
 
 
 def test_the_code_is_also_the_tables_and_maps(
