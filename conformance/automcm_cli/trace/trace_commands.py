@@ -1,29 +1,27 @@
-"""``automcm trace``: all its commands, and ``explain``."""
+"""``automcm trace``: all its commands, and ``explain`` and ``replay``."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.adapter_options import WithCommand
-from automcm_cli.shared.common import Json, Late, example, say, say_lines, write_json
-from automcm_cli.trace import (
-    trace_edit,
-    trace_export,
-    trace_html,
-    trace_logs,
-    trace_replay,
-    trace_watch,
-)
+from automcm_cli.shared.adapter_options import Limit, WithCommand, command_of
+from automcm_cli.shared.common import Json, Late, code_3, example, say, say_lines, write_json
+from automcm_cli.trace import trace_edit, trace_export, trace_html, trace_logs, trace_watch
 from automcm_cli.trace.trace_logs import Logs, files_of
+from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
+    from automcm_conformance.replay.replay_log import Replayed
     from automcm_traces.explain.explain import Verdict
 
 app = typer.Typer()
+LONGEST = 2_000
+"""Maximum characters of a printed line, because it quotes text of the station."""
 
 
 @app.command(epilog=example("trace explain 1001.ndjson 2002.ndjson"))
@@ -60,16 +58,13 @@ def explain(
         else:
             verdicts, system = explain_.verdicts(found), None
     written: list[dict[str, str]] = []
+    errors, reports = [], []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))
-    errors = [
-        lint_.kinds_of_error(log) if verdict.verdict == "unreadable" else []
-        for verdict, log in zip(verdicts, logs, strict=True)
-    ]
-    reports = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
-    for report, kinds in zip(reports, errors, strict=True):
-        if kinds:
-            report["findings"] = [kind.as_dict() for kind in kinds[: lint_.FIRST]]
+        kinds = lint_.kinds_of_error(log) if verdict.verdict == "unreadable" else []
+        errors.append(kinds)
+        findings = [kind.as_dict() for kind in kinds[: lint_.FIRST]]
+        reports.append(verdict.as_dict() | written[-1] | ({"findings": findings} if kinds else {}))
     if system is None:
         write_json(json_, reports[0])
     else:
@@ -107,6 +102,68 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
     return {"prefix": str(path)} | again
 
 
+@app.command(cls=WithCommand, epilog=example("trace replay 2002.ndjson -- automcm adapter"))
+def replay(
+    ctx: typer.Context,
+    log: Annotated[Path, typer.Argument(help="A log in the format automcm.trace/1.")],
+    out: Annotated[Path, typer.Option(help="Folder for the new log.")] = Path("runs/replay"),
+    limit: Limit = LIMIT_S,
+    seed: Annotated[int, typer.Option(help="Seed of the station's random numbers.", min=0)] = 1,
+    json_: Json = None,
+) -> None:
+    """Send a log's inputs to a station and check its answers.
+
+    The answers are checked against the specification.  The new log is written to --out, so that
+    trace diff can compare it with the log.
+    """
+    from automcm_conformance.replay.replay_log import replay as replay_
+    from automcm_conformance.report.report import visible
+    from automcm_spec.support.bad_input import BadInput
+
+    command = command_of(ctx)
+    with code_3("replay", BadInput, OSError):
+        try:
+            result = replay_(log, command, out, limit_s=limit, seed=seed)
+        except BadInput as error:
+            verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
+            write_json(json_, verdict | {"event": error.what, "exit_code": 3})
+            raise
+    if write_json(json_, result.as_dict()):
+        for text in _text(result):
+            say(visible(text, limit=LONGEST))
+    raise typer.Exit(result.exit_code)
+
+
+def _text(result: Replayed) -> list[str]:
+    from automcm_spec.support.bad_input import at_line
+    from automcm_traces.explain.explain import expected
+
+    place = at_line(result.file, result.line)
+    head = {
+        "allowed": f"{result.file}: FOLLOWS the specification, {result.inputs} inputs",
+        "diverges": f"{place}: DIVERGES: {result.event}",
+        "cannot_tell": f"{place}: CANNOT TELL: {result.event}",
+        "error": f"{place}: ERROR: {result.event}",
+    }
+    lines = [head[result.verdict]]
+    if result.verdict != "allowed" and result.input:
+        lines.append(f"  last input, {result.inputs} of {result.total}: {result.input}")
+    lines += [f"  {line}" for line in expected(result.expected)]
+    lines += [f"  by {result.guard}"] if result.guard else []
+    lines += [f"  standard error: {text!r}" for text in result.stderr]
+    lines += [f"  note: {note}" for note in result.notes]
+    if result.log:
+        lines.append(f"  its log: {at_line(result.log, result.log_line)}")
+        if result.verdict == "allowed":
+            compare = shlex.join(["automcm", "trace", "diff", result.file, result.log])
+            lines.append(f"  compare: {compare}")
+        if result.verdict == "diverges" and not result.in_log:
+            lines.append(
+                "  the new log alone does not show the error: logs do not contain next deadlines"
+            )
+    return lines
+
+
 app.command(
     epilog=example(
         "trace html 1001.ndjson 2002.ndjson --out page.html",
@@ -122,9 +179,6 @@ app.command(epilog=example("trace itf 1001.ndjson --out runs"))(trace_export.itf
 app.command(epilog=example("trace lint 1001.ndjson logs/"))(trace_logs.lint)
 app.command(epilog=example("trace show 1001.ndjson 2002.ndjson --session 1001/1"))(trace_logs.show)
 app.command(epilog=example("trace coverage logs/ --json coverage.json"))(trace_logs.coverage)
-app.command(cls=WithCommand, epilog=example("trace replay 2002.ndjson -- automcm adapter"))(
-    trace_replay.replay
-)
 app.command(
     epilog=example(
         "trace watch 1001.ndjson 2002.ndjson",
