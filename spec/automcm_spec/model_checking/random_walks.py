@@ -158,17 +158,16 @@ def run(
         except tlc.TlcError as error:
             if error.kind != "timeout":
                 raise
-    if result is None or result.outcome == "holds":
-        if result is not None:
-            count.end()
-        ended: EndReason = "time" if result is None else "number"
-        return Walks(model, seed, depth, *count.counts(), ended)
+    if result is None:
+        return Walks(model, seed, depth, *count.counts(), "time")
+    if result.outcome == "holds":
+        count.end()
+        return Walks(model, seed, depth, *count.counts(), "number")
     name = result.property or model.breaks or "a property"
     trace = tuple(_named(state) for state in result.trace)
     count.end([_last(state)["rule"] for state in trace[1:]])
-    counts = count.counts()
     found = models.PROPERTY_IDS.get(name, name)
-    return Walks(model, seed, depth, *counts, "violation", found, trace)
+    return Walks(model, seed, depth, *count.counts(), "violation", found, trace)
 
 
 class _Count:

@@ -407,6 +407,8 @@ class _Reader:
     @property
     def _name(self) -> str | None:
         assert self._violation is not None
+        if self._violation.code == _DEADLOCKED:
+            return DEADLOCK
         match = _VIOLATED.match(self._violation.text)
         return match[1] if match else None
 
@@ -433,16 +435,9 @@ class _Reader:
         if error := self._error(cfg, code, complaint):
             raise error
         self._tell()
-        outcome: Outcome = "holds"
-        name: str | None = None
-        if self._violation:
-            outcome = "violates"
-            name = self._name
-            if self._violation.code == _DEADLOCKED:
-                name = DEADLOCK
         return TlcResult(
-            outcome,
-            name,
+            "violates" if self._violation else "holds",
+            self._name if self._violation else None,
             distinct_states=self._distinct,
             states=self._states,
             depth=self._depth,

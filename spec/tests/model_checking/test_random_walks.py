@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
 from automcm_spec.model_checking import models, random_walks
 from automcm_spec.support.paths import SIMULATION
 from automcm_spec.vocabulary.rules import RULES
@@ -50,9 +49,7 @@ def test_every_step_is_decided_by_a_rule() -> None:
 
 @pytest.mark.slow
 def test_a_violated_property_is_reported_with_its_steps() -> None:
-    result = CliRunner().invoke(
-        app, ["spec", "simulate", "bare_ack", "--seconds", "60", "--depth", "40"]
-    )
+    result = automcm("spec", "simulate", "bare_ack", "--seconds", "60", "--depth", "40")
     assert result.exit_code == 0, result.output
     assert "S-6 is violated; as expected" in result.output
     assert "  1. Command at station 1: " in result.output
