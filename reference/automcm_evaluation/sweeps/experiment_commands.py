@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import code_3, example, progress, say, usage
+from automcm_cli.shared.common import Json, code_3, example, progress, say, usage, write_json
 from automcm_spec.support import files
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def _command(name: str, about: str) -> None:
         out: Out = OUT,
         changes: Changes = None,
         workers: Workers = 0,
+        json_: Json = None,
     ) -> None:
         from automcm_evaluation.framework.experiment import ExperimentError
         from automcm_evaluation.sweeps import report, sweep
@@ -80,12 +81,15 @@ def _command(name: str, about: str) -> None:
                 made_of_them = report.assemble(one, about, cells)
                 written = report.write(made_of_them, folder)
                 reports.append(made_of_them)
-                took = time.monotonic() - begun
-                _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+                if str(json_) != "-":
+                    took = time.monotonic() - begun
+                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
             if name == "all":
                 whole = out.with_suffix(".md")
                 files.write(whole, report.evaluation(out))
-                say(f"written {whole}")
+                if str(json_) != "-":
+                    say(f"written {whole}")
+        write_json(json_, reports)
         broken = [text for one in reports for text in one["summary"].get("broken", [])]
         for text in broken:
             say(f"BROKEN: {text}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
-    done = automcm(*SMALL, "--out", tmp_path, "--workers", "2")
+    done = automcm(*SMALL, "--out", tmp_path, "--workers", "2", "--json", "-")
     assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)[0]["experiment"] == "bandwidth"
     for path in sorted((small / "bandwidth").rglob("*.*")):
         assert (tmp_path / path.relative_to(small)).read_bytes() == path.read_bytes(), path.name
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import os
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import typer
 from pydantic.dataclasses import dataclass
 
-from automcm_cli.shared.common import code_3, console_of, example, say, table_of
+from automcm_cli.shared.common import Json, code_3, console_of, example, say, table_of, write_json
 from automcm_spec.support import children, scratch
 
 app = typer.Typer()
@@ -63,10 +63,6 @@ class BenchRun:
                 return row.value / values[baseline]
         return None
 
-    def short(self) -> list[str]:
-        """The names of those whose ratio is above the bar."""
-        return [row.name for row in self.rows if (self.ratio(row) or 0) > (row.at_most or math.inf)]
-
 
 class BenchFailure(Exception):
     """A bench that does not run; the text is the last error that pytest shows."""
@@ -101,11 +97,14 @@ def _command(subject: str, about: str) -> None:
         seconds: Annotated[
             float, typer.Option(help="Duration of each bench in seconds.", min=0.01)
         ] = 1.0,
+        json_: Json = None,
     ) -> None:
         with code_3("bench", BenchFailure, OSError):
             run = measured(subject, seconds)
-        short = run.short()
-        _show(run, short)
+        rows = [_entry(run, row) for row in run.rows]
+        short = [row["name"] for row in rows if row["ok"] is False]
+        if write_json(json_, {"rows": rows, "skipped": run.skipped, "falls_short": short}):
+            _show(rows, run.skipped)
         for name in short:
             say(f"{name} falls short of its bar", err=True)
         raise typer.Exit(1 if short else 0)
@@ -117,19 +116,25 @@ def _command(subject: str, about: str) -> None:
     app.command(subject, epilog=example(f"bench {subject} --seconds 1"))(command)
 
 
-def _show(run: BenchRun, short: list[str]) -> None:
+def _entry(run: BenchRun, row: BenchRow) -> dict[str, Any]:
+    found = run.ratio(row)
+    ok = None if found is None or row.at_most is None else found <= row.at_most
+    return asdict(row) | {"ratio": found, "ok": ok}
+
+
+def _show(rows: list[dict[str, Any]], skipped: dict[str, str]) -> None:
     from rich.text import Text
 
     table = table_of("", "figure", "unit", "beside", "ratio", "at most", "")
-    for row in run.rows:
-        cells = [row.name, f"{row.value:,.2f}", row.unit]
-        if (ratio := run.ratio(row)) is not None:
-            end = "falls short" if row.name in short else ""
-            cells += [str(row.beside), f"{ratio:.3g}", f"{row.at_most:g}", end]
+    for row in rows:
+        cells = [row["name"], f"{row['value']:,.2f}", row["unit"]]
+        if row["ratio"] is not None:
+            end = "" if row["ok"] else "falls short"
+            cells += [row["beside"], f"{row['ratio']:.3g}", f"{row['at_most']:g}", end]
         table.add_row(*map(Text, cells))
     console = console_of(110)
     console.print(table)
-    for name, reason in run.skipped.items():
+    for name, reason in skipped.items():
         console.print(Text(f"not measured: {name} ({reason})"))
 
 

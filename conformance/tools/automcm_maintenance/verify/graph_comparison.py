@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
-from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.json_forms import canonical, to_json
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES, line
 from automcm_spec.vocabulary.station import Input
 
@@ -34,6 +34,16 @@ class Divergence:
     """The line of the rule in Station.tla."""
     expected: dict[str, Any]
     actual: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object in the output of ``--json``."""
+        return {
+            "inputs": to_json(self.inputs),
+            "rule": self.rule,
+            "line": self.line,
+            "expected": {name: to_json(value) for name, value in self.expected.items()},
+            "actual": {name: to_json(value) for name, value in self.actual.items()},
+        }
 
 
 @dataclass(slots=True)

@@ -8,13 +8,21 @@ from typing import Annotated
 import typer
 
 from automcm_cli.shared import completion
-from automcm_cli.shared.common import code_3, console_of, example, progress, unknown
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    unknown,
+    write_json,
+)
 from automcm_maintenance.documents.repository import ROOT
 
 app = typer.Typer()
 
 
-@app.command(epilog=example("verify --profile full"))
+@app.command(epilog=example("verify --profile full --json report.json"))
 def verify(
     profile: Annotated[
         str,
@@ -41,6 +49,7 @@ def verify(
             "--fresh", help="Ignore kept results: run all models and all stages but the proof."
         ),
     ] = False,
+    json_: Json = None,
 ) -> None:
     """Check the models, and the reference against the oracle."""
     from automcm_maintenance.verify import verify as verify_
@@ -58,7 +67,8 @@ def verify(
 
     with progress() as notify:
         report = verify_.run(profile, notify, models_too=models, rule=rule, fresh=fresh)
-    verify_screen.show(report, console_of())
+    if write_json(json_, report.as_dict()):
+        verify_screen.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -125,6 +125,12 @@ class VerifyReport(Comparisons):
         return sorted(found, key=lambda d: d.rule != self.rule)
 
     @property
+    def divergences(self) -> list[dict[str, Any]]:
+        """All differences for ``--json``."""
+        behaviours = [{"behaviour": text} for text in self.behaviour_differences]
+        return [d.as_dict() for d in self.found] + behaviours
+
+    @property
     def all_errors(self) -> list[str]:
         """Each error once, including those of single models."""
         return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
@@ -138,7 +144,7 @@ class VerifyReport(Comparisons):
     def undecided(self) -> bool:
         """Whether the requested rule decides nothing in the small graph and has no effect there."""
         covered = self.coverage.covered if self.coverage else {}
-        decided = bool(self.pairs or self.found or self.rule in covered)
+        decided = bool(self.pairs or self.divergences or self.rule in covered)
         return self.rule is not None and bool(self.compared) and not decided
 
     @property
@@ -164,6 +170,42 @@ class VerifyReport(Comparisons):
         if self.undecided:
             return 4
         return model_output.exit_code(self.verdicts) or int(not self.ok)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report for ``--json``."""
+        rules = self.coverage or graph_comparison.Coverage(by_test={})
+        return {
+            "ok": self.ok,
+            "profile": self.profile,
+            "models_too": self.models_too,
+            "rule": self.rule,
+            "unnoticed": self.unnoticed,
+            "left_to_full": self.left,
+            "kept_stages": self.kept_stages,
+            "models": [model_output.as_dict(v) | {"kept": v.kept} for v in self.verdicts],
+            "kept": self.kept,
+            "proof": asdict(self.proof) if self.proof else None,
+            "oracle": self.oracle,
+            "reference": {
+                "states_compared": sum(c.states for c in self.compared.values()),
+                "inputs_compared": sum(c.inputs for c in self.compared.values()),
+                "divergences": self.divergences,
+                "rules_covered": sorted(rules.covered),
+                "rules_uncovered": rules.uncovered,
+                "rules_by_test": rules.by_test,
+                "behaviours_replayed": self.behaviours,
+            },
+            "compiled": {
+                "states_compared": sum(a.states for a in self.compiled.values()),
+                "inputs_compared": sum(a.inputs for a in self.compiled.values()),
+                "differences": [str(d) for a in self.compiled.values() for d in a.found],
+            },
+            "drift": self.drift,
+            "pages": self.pages,
+            "mutants": self.mutants,
+            "errors": self.all_errors,
+            "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
+        }
 
 
 def _reference(constants: dict[str, Any], without: str = "") -> Reference:
@@ -394,7 +436,7 @@ def _compare_rule(report: VerifyReport, rule: str, notify: Callable[[str], None]
     with _timed(report, "comparison"):
         notify("comparison: every state, every input")
         report.compared = {oracle_generation.SMALL.name: _walk(data)}
-        if not report.found:
+        if not report.divergences:
             report.coverage = _cover(data, [rule])
 
 

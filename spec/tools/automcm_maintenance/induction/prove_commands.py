@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
@@ -48,6 +48,11 @@ class ProofReport:
         """0: all are proved; 1: one is refuted; 4: z3 cannot tell."""
         verdicts = {r.verdict for r in self.open}
         return 1 if "refuted" in verdicts else 4 if verdicts else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report as JSON."""
+        rows = [{**r._asdict(), "uses": sorted(r.uses)} for r in self.results]
+        return {"proved": not self.open, "obligations": rows}
 
 
 def run(without: Sequence[str], step: str, notify: Callable[[str], None]) -> ProofReport:

@@ -72,6 +72,16 @@ def run(
     return report
 
 
+def as_dict(report: MutationReport) -> dict[str, object]:
+    """The report as JSON."""
+    return {
+        "profile": report.profile,
+        "complete": report.complete,
+        "mutants": [o.row.model_dump() | {"invalid": o.invalid} for o in report.outcomes],
+        "problems": report.problems,
+    }
+
+
 def show(report: MutationReport, console: Console) -> None:
     """Print the figures, the survivors and the problems."""
     results = mutant_results.MutationResults(inputs=mutant_results.present(), mutants=report.rows)

@@ -10,7 +10,15 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.shared.common import code_3, console_of, example, progress, unknown
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    unknown,
+    write_json,
+)
 
 app = typer.Typer()
 
@@ -57,6 +65,7 @@ def spec_mutate(
     write: Annotated[
         bool, typer.Option(help="With --profile deep: write the results, for the site.")
     ] = False,
+    json_: Json = None,
 ) -> None:
     """Run the models on mutants of the specification.
 
@@ -80,7 +89,8 @@ def spec_mutate(
             report = mutate_commands.run(profile, mutants, jobs, notify)
         if write and report.complete:
             mutant_results.write(report.rows)
-    mutate_commands.show(report, console_of(110))
+    if write_json(json_, mutate_commands.as_dict(report)):
+        mutate_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 
@@ -93,6 +103,7 @@ def spec_prove(
         list[str] | None,
         typer.Option(help="Leave this conjunct out of the invariant.  Repeatable."),
     ] = None,
+    json_: Json = None,
 ) -> None:
     """Prove S-1 to S-8 by an inductive invariant.
 
@@ -104,5 +115,6 @@ def spec_prove(
 
     with code_3("prove", *prove_commands.FAULTS), progress() as notify:
         report = prove_commands.run(without or [], step, notify)
-    prove_commands.show(report, console_of())
+    if write_json(json_, report.as_dict()):
+        prove_commands.show(report, console_of())
     raise typer.Exit(report.exit_code)
