@@ -33,6 +33,10 @@ def commands(group: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[
         yield from commands(below[name], (*path, name))
 
 
+WITHOUT_JSON = {
+    *("adapter", "drive", "station", "link relay"),  # they run until they are stopped
+    *("generate", "spec pages", "experiment render", "conform new", "conform report"),  # files
+}
 COMMANDS = dict(commands(get_command(app)))
 
 
@@ -45,6 +49,8 @@ def test_each_command_begins_its_help_with_an_example(path: tuple[str, ...]) -> 
     assert COMMANDS[path] or re.search(
         f"Example: .*automcm {' '.join(path)}", " ".join(example.split())
     )
+    has_json = "--json" in shown.output
+    assert has_json != (COMMANDS[path] or " ".join(path) in WITHOUT_JSON)
 
 
 def test_a_group_lists_its_commands_in_whole_sentences() -> None:
