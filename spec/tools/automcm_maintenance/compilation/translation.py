@@ -15,10 +15,10 @@ import ast
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from automcm_maintenance.compilation.sany import OTHER, Node, NotCompiled, Operator
 from automcm_maintenance.compilation.tla_types import BOOL, Type, Types
+from automcm_spec.vocabulary.conditions import Condition
 from automcm_spec.vocabulary.tla_names import local, snake
 
 BINARY = {
@@ -56,16 +56,6 @@ RULE = re.compile(r"[A-Z]{3}-\d+")
 """Matches a string that is a rule id."""
 
 
-class Cited(NamedTuple):
-    """A condition, or a rule id, in an operator: see conditions.Condition."""
-
-    operator: str
-    line: int
-    kind: str
-    node: int
-    text: str
-
-
 @dataclass
 class Translator:
     """Translates the bodies of operators; ``rows`` are the marked conditions."""
@@ -75,7 +65,7 @@ class Translator:
     """The lines of each module."""
     decision: Type | None = None
     """The type of value of the operators whose IF conditions are guards."""
-    rows: list[Cited] = field(default_factory=list)
+    rows: list[Condition] = field(default_factory=list)
     _strict: dict[tuple[str, str], bool] = field(default_factory=dict)
     _operator: str = ""
     _result: Type = BOOL
@@ -196,7 +186,7 @@ class Translator:
     def _mark(self, node: Node, kind: str, text: str, python: str) -> str:
         if kind == "guard" and self._result != self.decision:
             kind = "part"
-        self.rows.append(Cited(self._operator, node.at.line, kind, 0, text))
+        self.rows.append(Condition(self._operator, node.at.line, kind, 0, text))
         return f"{MARK}({len(self.rows) - 1}, {python})"
 
     def text(self, node: Node) -> str:

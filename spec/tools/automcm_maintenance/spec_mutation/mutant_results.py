@@ -8,13 +8,12 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
-
 from automcm_maintenance.code_mutation import faults
 from automcm_maintenance.documents.repository import PAGES, ROOT, digest, markdown_table
 from automcm_maintenance.spec_mutation.mutant_rules import HOW, KINDS, NOT_MUTATED
 from automcm_spec.model_checking.models import PROPERTIES
 from automcm_spec.support import files, templates
+from automcm_spec.vocabulary.messages import Frozen
 
 RESULTS = ROOT / "spec" / "mutation" / "results.json"
 REASONS = RESULTS.with_name("no-property.toml")
@@ -32,11 +31,7 @@ NOTHING = "none"
 HEADS = ("mutants", *HOW, NOTHING)
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class MutantResult(_Strict):
+class MutantResult(Frozen):
     """A mutant, the properties that kill it, and the other differences (``HOW``)."""
 
     id: str
@@ -56,7 +51,7 @@ class MutantResult(_Strict):
         return "property" if self.properties else next(iter(self.differs), NOTHING)
 
 
-class MutationResults(_Strict):
+class MutationResults(Frozen):
     """inputs is the hash of INPUTS at the run; empty if it is not known."""
 
     inputs: str
