@@ -34,13 +34,6 @@ class Item:
     event: Event
     record: dict[str, Json]
 
-    @staticmethod
-    def of(line: int, fields: dict[str, Json]) -> Item:
-        """The item for the fields of a line. Raises the exceptions of ``log.record``."""
-        event = record(json.dumps(fields).encode())
-        assert not isinstance(event, Header | End)
-        return Item(line, event, fields)
-
 
 @dataclass(frozen=True, slots=True)
 class LogSlice:
@@ -247,4 +240,6 @@ def _renumbered(item: Item, gone: Numbers, station: int) -> Item:
     fields = json.loads(json.dumps(item.record))
     for key, holder, name in list(_named(fields, station)):
         holder[name] -= sum(0 < value < holder[name] for value in gone.get(key, ()))
-    return Item.of(item.line, fields)
+    event = record(json.dumps(fields).encode())
+    assert not isinstance(event, Header | End)
+    return Item(item.line, event, fields)

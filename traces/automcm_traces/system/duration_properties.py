@@ -146,20 +146,7 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Ch
             if begun is None or over is None:
                 return None, f"{where}: the clocks of {p} and {line.station} cannot be compared"
             if begun.low > 0 and over.high < 0:
-                text = f"{where}: station {p} still advertises {period.session}"
-                return False, text + _unequal(world, line.station, p)
+                return False, f"{where}: station {p} still advertises {period.session}"
             if period.end is None and over.high >= 0:
                 return None, f"{where}: station {p} advertises {period.session} where its log ends"
     return True, where
-
-
-def _unequal(world: World, station: int, prescriber: int) -> str:
-    """Why a session may be forgotten too early: the two stations use different durations."""
-    heads = (world.log(s).header.known for s in (station, prescriber))
-    own, other = ((p.get("t_advertise"), p.get("t_life")) for p in heads)
-    if own == other:
-        return ""
-    return (
-        f" for t_advertise = {other[0]} ms, and station {station} forgets after"
-        f" {own[0]} + {own[1]} ms: the timers assume equal parameters"
-    )

@@ -45,8 +45,6 @@ def ordered(
     of an event and the one that it needs.
     """
     order = _Order(feeds, ahead, beside or {}, cycle)
-    for i in range(len(feeds)):
-        order.offer(i)
     while (row := order.next_row()) is not None:
         yield row
 
@@ -70,8 +68,10 @@ class _Order(Generic[Item]):
         """The logs that cannot go on before this one does."""
         self._heap: list[tuple[int, int, int]] = []
         """Time, log, and number of the items before it: those that can come next."""
+        for i in range(len(feeds)):
+            self._offer(i)
 
-    def offer(self, i: int) -> None:
+    def _offer(self, i: int) -> None:
         """Queue the next item of a log, if it can come now."""
         if self._heads[i] is None:
             return
@@ -93,7 +93,7 @@ class _Order(Generic[Item]):
                 for others in self._waiting:
                     others.clear()
                 for i in sorted(stuck):
-                    self.offer(i)
+                    self._offer(i)
             _, first, taken = heapq.heappop(self._heap)
             if taken == self._taken[first]:  # else it was offered by both logs of a pair
                 return self._take(self._row(first))
@@ -111,7 +111,7 @@ class _Order(Generic[Item]):
             woken |= self._waiting[i]
             self._waiting[i] = set()
         for i in sorted(woken):
-            self.offer(i)
+            self._offer(i)
         return tuple(items)
 
     def _head(self, i: int) -> Head[Item]:

@@ -39,22 +39,12 @@ class Merged:
     forged: dict[Node, str] = field(default_factory=dict)
     """Why certain received messages cannot have been sent."""
     notices: list[str] = field(default_factory=list)
-    _order: list[Node] = field(default_factory=list)
-    _cycles: list[str] = field(default_factory=list)
+    order: list[Node] = field(default_factory=list)
+    """All events in the order of ``event_order``."""
+    cycles: list[str] = field(default_factory=list)
+    """Cycles of messages that were received before they were sent, one line each."""
     _past: list[tuple[list[int], list[tuple[int, ...]]]] = field(default_factory=list)
     """For each log, the events that depend on others, and what they depend on (``_known``)."""
-
-    @property
-    def order(self) -> list[Node]:
-        """All events in the order of ``event_order``."""
-        self._line_up()
-        return self._order
-
-    @property
-    def cycles(self) -> list[str]:
-        """Cycles of messages that were received before they were sent, one line each."""
-        self._line_up()
-        return self._cycles
 
     @property
     def run(self) -> str:
@@ -77,7 +67,6 @@ class Merged:
     def before(self, a: Node, b: Node) -> bool:
         """Whether ``a`` certainly came before ``b``: a chain of messages leads from ``a`` to
         ``b``."""
-        self._line_up()
         return a[1] < (b[1] if a[0] == b[0] else self._known(b)[a[0]])
 
     def feed(self, i: int) -> Iterator[Head[Node]]:
@@ -107,13 +96,11 @@ class Merged:
 
     def _line_up(self) -> None:
         """Order the events, and record the events of other stations that each depends on."""
-        if self._past:
-            return
         feeds = [self.feed(i) for i in range(len(self.logs))]
         self._past = [([], []) for _ in self.logs]
         at = [0] * len(self.logs)
         for (node,) in ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
-            self._order.append(node)
+            self.order.append(node)
             at[node[0]] += 1
             match = self.matches.get(node)
             if match is None or at[match.first[0]] <= match.first[1]:
@@ -126,7 +113,7 @@ class Merged:
 
     def _cycle(self, circle: list[tuple[Node, Node]]) -> None:
         parts = [f"{self.where(a)} receives the message of {self.where(b)}" for a, b in circle]
-        self._cycles.append("received before it was sent: " + ", ".join(parts))
+        self.cycles.append("received before it was sent: " + ", ".join(parts))
 
 
 def merge(logs: Sequence[Log]) -> Merged:
@@ -159,6 +146,7 @@ def merge(logs: Sequence[Log]) -> Merged:
             "content, so of equal copies the latest that was sent before counts as received"
         )
     merged._link(matches)
+    merged._line_up()
     return merged
 
 

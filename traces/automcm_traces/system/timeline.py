@@ -131,9 +131,11 @@ class Recorder(Watcher):
 
     def __init__(self, log: Log | LogStream) -> None:
         self.made = Timeline(log.header.station, log.file)
-        self._places: dict[int, int] = {}
-        """The index of each event by line."""
+        self._at = -1
+        """The index of the last event."""
         self._t_ms = 0
+        self._input = 0
+        """The index of the last input."""
         self._outbox: list[OutboxEntry] = []
         self._own: State | None = None
         self._deadlines: dict[Timer, int] = {}
@@ -142,15 +144,15 @@ class Recorder(Watcher):
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
         """Record the deadlines of armed timers, to measure the delay of an expiry."""
-        self._places[line] = len(self._places)
-        self._t_ms = event.t_ms
+        self._at, self._t_ms = self._at + 1, event.t_ms
+        self._input = self._at if event.is_input else self._input
         if isinstance(event, TimerArm):
             self._deadlines[event.timer] = event.deadline
 
     def step(self, step: InputStep, track: Track) -> None:
         """Add a moment, unless a CAM has come that changes nothing: most of a log."""
         t, gone = track, list[OutboxEntry]()
-        self._known = self._places[step.at], step.at, step.t_ms
+        self._known = self._input, step.at, step.t_ms
         if step.input.kind == "cam" and not step.changes:
             return
         if step.changes or step.sent:
@@ -204,7 +206,7 @@ class Recorder(Watcher):
         elif check.diverges is not None:
             made.ending, made.why = "diverges", f"{made.file}:{problem.at.line} diverges"
         else:
-            made.last = (max(len(self._places) - 1, 0), line, self._t_ms)
+            made.last = (max(self._at, 0), line, self._t_ms)
             end = check.log.end
             if end is None or end.reason == "crash":
                 made.ending, made.why = "stopped", f"its log stops at {made.file}:{line}"
