@@ -10,7 +10,7 @@ import typer
 
 from automcm_cli.shared.adapter_options import Limit, WithCommand, command_of
 from automcm_cli.shared.common import Json, Late, code_3, example, say, say_lines, write_json
-from automcm_cli.trace import trace_edit, trace_export, trace_html, trace_logs, trace_watch
+from automcm_cli.trace import trace_edit, trace_html, trace_logs, trace_watch
 from automcm_cli.trace.trace_logs import Logs, files_of
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support.collection import uncollected
@@ -172,10 +172,8 @@ app.command(
 )(trace_html.html)
 app.command(epilog=example("trace shrink 1001.ndjson 2002.ndjson --out small"))(trace_edit.shrink)
 app.command("diff", epilog=example("trace diff run-1 run-2 --times"))(trace_edit.compare)
-app.command(epilog=example("trace export 1001.ndjson 2002.ndjson --to mermaid"))(
-    trace_export.export
-)
-app.command(epilog=example("trace itf 1001.ndjson --out runs"))(trace_export.itf)
+app.command(epilog=example("trace export 1001.ndjson 2002.ndjson --to mermaid"))(trace_edit.export)
+app.command(epilog=example("trace itf 1001.ndjson --out runs"))(trace_edit.itf)
 app.command(epilog=example("trace lint 1001.ndjson logs/"))(trace_logs.lint)
 app.command(epilog=example("trace show 1001.ndjson 2002.ndjson --session 1001/1"))(trace_logs.show)
 app.command(epilog=example("trace coverage logs/ --json coverage.json"))(trace_logs.coverage)

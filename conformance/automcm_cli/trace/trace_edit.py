@@ -1,10 +1,12 @@
-"""``automcm trace shrink`` and ``diff``: shortens logs, and compares two runs."""
+"""``automcm trace shrink``, ``diff``, ``export`` and ``itf``: shortens logs, compares two runs, and
+converts logs and counterexamples for other tools."""
 
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -14,6 +16,7 @@ from automcm_spec.support import files
 
 if TYPE_CHECKING:
     from automcm_traces.edit.log_shrinking import Shrunk
+    from automcm_traces.system.fates import Arrow
 
 ROWS = 100
 """Maximum number of events of a shrunk log that are printed."""
@@ -127,3 +130,129 @@ def station_pairs(texts: list[str] | None) -> dict[int, int]:
             "a station occurs in two pairs; each may occur in one only", param_hint="--stations"
         )
     return pairs
+
+
+def export(
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs, or folders with logs; with --to logs, .mcap files.")
+    ],
+    to: Annotated[
+        Literal["mermaid", "svg", "itf", "mcap", "logs"],
+        typer.Option(help="Target format; mcap and logs need automcm[mcap]."),
+    ] = "mermaid",
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("runs/export"),
+    all_: Annotated[
+        bool, typer.Option("--all", help="In mermaid and svg: an arrow for each copy of a message.")
+    ] = False,
+    absolute: Annotated[
+        bool, typer.Option("--absolute", help="In svg: the times of the logs, not from the start.")
+    ] = False,
+    json_: Json = None,
+) -> None:
+    """Convert logs for other tools.
+
+    mermaid is a sequence diagram, svg a drawing, itf the states of a station in ITF, and mcap a
+    recording for Foxglove. mermaid and svg draw copies of a message as one arrow with their number.
+    A sequence diagram shows 400 arrows at most and gives the number of omitted messages. MCAP has
+    one JSON channel for each station and one for the fates of messages; --to logs restores the logs
+    from it byte for byte.
+    """
+    given = logs if to == "logs" else files_of("export", logs)
+    _write("export", lambda: _exported(given, to, all_, absolute), out, json_, read=logs)
+
+
+def itf(
+    file: Annotated[Path, typer.Argument(help="A counterexample in ITF, or a log (.ndjson).")],
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("."),
+    json_: Json = None,
+) -> None:
+    """Convert a counterexample in ITF to logs, or a log to ITF.
+
+    The counterexample must come from automcm spec check or traces/counterexamples.  TLC computes
+    the messages that its stations send.  In the ITF of a log, each state is the station's state
+    after a step.
+    """
+    if file.is_dir():
+        say(f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True)
+        raise typer.Exit(3)
+    make = _itf_of if file.suffix == ".ndjson" else _logs_of
+    _write("itf", lambda: make(file), out, json_)
+
+
+def _write(
+    command: str,
+    make: Callable[[], dict[str, bytes]],
+    out: Path,
+    json_: Path | None,
+    read: Collection[Path] = (),
+) -> None:
+    """Write files into a folder and print their paths.  None may overwrite a file in ``read``."""
+    from automcm_spec.model_checking.tlc import TlcError
+    from automcm_spec.support.bad_input import BadInput
+    from automcm_traces.checker.track import CannotTell
+    from automcm_traces.export.behaviour_to_log import BehaviourError
+    from automcm_traces.export.itf import ItfError
+    from automcm_traces.export.mcap_file import McapError
+    from automcm_traces.system.log_merge import MergeError
+
+    try:
+        with code_3(
+            command, BadInput, ItfError, McapError, MergeError, OSError, BehaviourError, TlcError
+        ):
+            contents = {out / name: data for name, data in make().items()}
+            files.folder(out, named=True)
+            for path, data in contents.items():
+                refuse_given(path, read)
+                files.write(path, data)
+    except CannotTell as error:
+        say(f"{command}: CANNOT TELL: {error}", err=True)
+        raise typer.Exit(4) from None
+    written = list(map(str, contents))
+    if write_json(json_, {"written": written}):
+        for name in written:
+            say(name)
+
+
+def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[str, bytes]:
+    """The contents of the files to write, by name."""
+    from automcm_spec.log_format.reader import read
+    from automcm_traces.explain.log_table import Logs
+    from automcm_traces.export import mcap_file
+    from automcm_traces.export.mermaid import diagram
+    from automcm_traces.export.svg_drawing import drawing
+    from automcm_traces.system.log_merge import merge
+
+    if to == "itf":
+        if len({path.stem for path in paths}) < len(paths):
+            raise typer.BadParameter("two logs have the same file name; export each separately")
+        return _itf_of(*paths)
+    if to == "svg":
+        merged = merge([read(path) for path in paths])
+        return {f"{paths[0].stem}.svg": drawing(merged, absolute=absolute, unfold=unfold).encode()}
+    if to == "mcap":
+        return {f"{paths[0].stem}.mcap": mcap_file.written(paths)}
+    if to == "logs":
+        return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
+    together = Logs(paths)
+    lines = diagram(together.rows(), together.stations, unfold=unfold)
+    text = "\n".join(lines) + "\n"
+    return {f"{paths[0].stem}.mmd": text.encode()}
+
+
+def _logs_of(counterexample: Path) -> dict[str, bytes]:
+    from automcm_traces.export.itf_log import behaviour
+
+    logs = behaviour(counterexample).logs()
+    return {f"{station}.ndjson": text for station, text in logs.items()}
+
+
+def _itf_of(*paths: Path) -> dict[str, bytes]:
+    from automcm_spec.log_format.reader import read
+    from automcm_traces.explain.log_table import arrow_rows
+    from automcm_traces.export.itf_log import from_log
+
+    logs = {path: read(path) for path in paths}
+    arrows: dict[Path, list[tuple[int, Arrow]]] = {path: [] for path in paths}
+    for path, row in arrow_rows(paths):
+        arrows[path] += [(row.line, arrow) for arrow in row.arrows]
+    return {f"{p.stem}.itf.json": from_log(log, arrows[p]).encode() for p, log in logs.items()}
