@@ -47,7 +47,6 @@ GROUPS = {
     "conform": (
         [
             "automcm_cli.conform.conform",
-            "automcm_cli.conform.conform_live",
             f"{_MAINTENANCE}.code_mutation.certify",
         ],
         "Test a station in any language against the specification.",

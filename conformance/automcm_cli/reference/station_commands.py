@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 import typer
 
 from automcm_cli.shared.common import code_3, example, two_numbers, usage
-from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, chosen
+from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, adjusted
 from automcm_spec.support.bad_input import printable
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ def station(
     if bridge is None and token_file is not None:
         raise typer.BadParameter("--token-file needs --bridge")
     served = None if bridge is None else _bridge(bridge, host, allow_remote, token_file)
-    parameters = chosen(set_)
+    parameters = adjusted(set_)
     signing = _keys(keys, station_id, coded, parameters) if keys else None
 
     with code_3("station", LinkError):

@@ -22,7 +22,7 @@ Settings = Annotated[
 EVERYONE = "127.255.255.255:47100"
 
 
-def chosen(settings: Sequence[str] | None) -> Parameters:
+def adjusted(settings: Sequence[str] | None) -> Parameters:
     """The default parameters with the changes ``NAME=VALUE``.
 
     An unknown name or a bad value is a usage error.

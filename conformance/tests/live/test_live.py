@@ -19,7 +19,7 @@ from cli_stage import AUTOMCM, automcm, broadcast
 from live_stage import BY_NAME, JITTER, STATION, Json, Radio, World, fair, judge, only, session
 from live_stage import oracle as oracle
 
-from automcm_cli.conform import conform_live
+from automcm_cli.conform import conform
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.live.live_cases import CASES, LiveCase
@@ -311,7 +311,7 @@ def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
 
 
 def test_a_station_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conform_live, "FIRST_CAM_MS", 50)
+    monkeypatch.setattr(conform, "FIRST_CAM_MS", 50)
     done = automcm("conform", "live", "7", "--broadcast", "127.255.255.255:47398")
     assert done.exit_code == 3
     assert done.stderr == "live: no CAM of station 7 on 127.255.255.255:47398 within 50 ms\n"
