@@ -156,14 +156,10 @@ def picture() -> str:
 
 def _corpus() -> dict[Path, bytes]:
     """The part of the corpus that is generated in seconds, from logs on disk that need TLC."""
-    from automcm_maintenance.corpus import corpus_runs as of
+    from automcm_maintenance.corpus import corpus_runs
 
     runs = {}
-    for name, write in (
-        ("four-vehicles", of.four_vehicles),
-        ("pair", of.pair),
-        ("secured", of.secured),
-    ):
+    for name, write in corpus_runs.RUNS.items():
         with scratch.folder("logs") as folder:
             write(folder)
             for path in sorted(folder.iterdir()):
@@ -250,7 +246,7 @@ def _all(one_peer: bytes, notify: Callable[[str], None]) -> Iterator[Generated]:
     pairs = two_peer_pairs.PATH
     yield Generated(pairs, lambda: {pairs: _two_peer_pairs().encode()}, slow=True)
     yield Generated(CORPUS_ROOT, lambda: _corpus_of_tlc(notify), _FROM_TLC, slow=True)
-    yield Generated(CORPUS_ROOT, lambda: _corpus(), _AT_ONCE)
+    yield Generated(CORPUS_ROOT, _corpus, _AT_ONCE)
 
 
 def drift(profile: str, one_peer: bytes, notify: Callable[[str], None]) -> list[str]:
@@ -306,8 +302,7 @@ def write(notify: Callable[[str], None], only: Sequence[Path] = ()) -> list[Path
 
     broken = [m for m in models.load() if m.expect == "violates"]
     broken = [m for m in broken if wanted(COUNTEREXAMPLES / f"{m.cfg}.itf.json")]
-    of_models = counterexamples(_verdicts(broken, notify))
-    changed = replace(of_models, folders=() if only else of_models.folders).write()
+    changed = counterexamples(_verdicts(broken, notify)).write()
     graph = oracle_generation.ONE_PEER
     fresh = partial(oracle_generation.generate, graph)
     anew = wanted(graph.path)

@@ -144,3 +144,7 @@ def secured(folder: Path) -> None:
             simulation.clock.at(rng.randrange(first, 4300), attack)
     simulation.request(PRESCRIBER, at=300)
     simulation.run(until=4500)
+
+
+RUNS = {"four-vehicles": four_vehicles, "pair": pair, "secured": secured}
+"""By their folder."""
