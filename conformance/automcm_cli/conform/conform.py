@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from automcm.links.link import LinkError
 from automcm_cli.shared import completion
 from automcm_cli.shared.adapter_options import (
     COMMAND,
@@ -33,8 +34,9 @@ from automcm_cli.shared.common import (
 )
 from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, adjusted
 from automcm_conformance.adapter.new_adapter import LANGUAGES
-from automcm_conformance.adapter.process import LIMIT_S
+from automcm_conformance.adapter.process import LIMIT_S, AdapterError
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 
 if TYPE_CHECKING:
@@ -89,14 +91,12 @@ def run(
 
     On Ctrl-C it reports what was found until then.
     """
-    from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.report import report as report_
     from automcm_conformance.report import terminal_report
     from automcm_conformance.suite import verdicts
     from automcm_conformance.suite.suite_run import conform
     from automcm_spec.graph.oracle import OracleError
-    from automcm_spec.support.bad_input import BadInput
 
     command, chosen = command_of(ctx), purposes_of(selectors or [])
     if failed:
@@ -164,7 +164,6 @@ def explore(
     delays and loses messages.  Each failure is shortened on the station itself and is written to a
     file for conform replay.
     """
-    from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.explore.explore import explore as explore_
     from automcm_spec.graph.oracle import OracleError
@@ -258,12 +257,10 @@ def replay(
     json_: Json = None,
 ) -> None:
     """Send the lines of a recorded failure to a station again."""
-    from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.exchange.records import replay_failure
     from automcm_conformance.exchange.transcript import exchange
     from automcm_conformance.report.report import visible
-    from automcm_spec.support.bad_input import BadInput
 
     command = command_of(ctx)
     with code_3("replay", AdapterError, ProtocolError, BadInput, OSError):
@@ -379,7 +376,6 @@ def live(
     as well, else INCONC.
     """
     from automcm_conformance.adapter.adapter import Adapter
-    from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.live.live_cases import LiveRun
     from automcm_spec.graph.oracle import OracleError, load
@@ -423,7 +419,6 @@ def live(
 @contextmanager
 def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     """The same sockets as those of the reference's stations.  A bad address is a usage error."""
-    from automcm.links.link import LinkError
     from automcm.links.udp_link import address, bind, local_only
     from automcm_conformance.live.live import UdpAir
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
+from automcm.links.link import LinkError
 from automcm_cli.shared.common import code_3, example, two_numbers, usage
 from automcm_cli.shared.station_options import EVERYONE, Broadcast, Host, Remote, Settings, adjusted
 from automcm_spec.support.bad_input import printable
@@ -143,7 +144,6 @@ def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> 
     import asyncio
     import logging
 
-    from automcm.links.link import LinkError
     from automcm.service.station_process import NumberError
 
     lines = Lines(name)
@@ -261,7 +261,6 @@ def station(
     """
     from automcm.encoding.codec import CodecError, CodecMissing
     from automcm.encoding.codec import codec as by_name
-    from automcm.links.link import LinkError
     from automcm.links.udp_link import UdpLink, address
     from automcm.service.application import all_answered
     from automcm.service.datagram_log import DatagramLog
@@ -332,7 +331,6 @@ def _place(text: str) -> tuple[int, int]:
 
 
 def _keys(folder: Path, station_id: int, codec: Codec, parameters: Parameters) -> StationKeys:
-    from automcm.links.link import LinkError
     from automcm_spec.support.extras import MissingExtra
     from automcm_spec.vocabulary.parameters import ParameterError
 
@@ -344,7 +342,6 @@ def _keys(folder: Path, station_id: int, codec: Codec, parameters: Parameters) -
 
 def _bridge(port: int, host: str, allow_remote: bool, token_file: Path | None) -> WebSocketBridge:
     from automcm.bridge.access import read_token
-    from automcm.links.link import LinkError
 
     with code_3("station", LinkError):
         from automcm.bridge.websocket_bridge import WebSocketBridge
@@ -371,7 +368,6 @@ def drive(
     """
     import asyncio
 
-    from automcm.links.link import LinkError
     from automcm.service.station_process import stopping
     from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 

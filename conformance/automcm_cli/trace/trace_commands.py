@@ -13,6 +13,7 @@ from automcm_cli.shared.common import Json, Late, code_3, example, say, say_line
 from automcm_cli.trace import trace_edit, trace_html, trace_logs, trace_watch
 from automcm_cli.trace.trace_logs import Logs, files_of
 from automcm_conformance.adapter.process import LIMIT_S
+from automcm_spec.support.bad_input import BadInput, at_line
 from automcm_spec.support.collection import uncollected
 
 if TYPE_CHECKING:
@@ -118,7 +119,6 @@ def replay(
     """
     from automcm_conformance.replay.replay_log import replay as replay_
     from automcm_conformance.report.report import visible
-    from automcm_spec.support.bad_input import BadInput
 
     command = command_of(ctx)
     with code_3("replay", BadInput, OSError):
@@ -135,7 +135,6 @@ def replay(
 
 
 def _text(result: Replayed) -> list[str]:
-    from automcm_spec.support.bad_input import at_line
     from automcm_traces.explain.explain import expected
 
     place = at_line(result.file, result.line)

@@ -13,6 +13,7 @@ import typer
 from automcm_cli.shared.common import Json, Late, code_3, progress, say, two_numbers, write_json
 from automcm_cli.trace.trace_logs import Logs, files_of, refuse_given
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput, name_of
 
 if TYPE_CHECKING:
     from automcm_traces.edit.log_shrinking import Shrunk
@@ -72,8 +73,6 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
 
     Raises OSError; typer.BadParameter if a file would overwrite a given log.
     """
-    from automcm_spec.support.bad_input import name_of
-
     by_name = {name_of(path): path for path in given}
     paths: list[Path] = []
     for log in found.logs:
@@ -106,7 +105,6 @@ def compare(
     transmission ids, the order of the effects of a step, times, CAMs. Exit code 0: the runs are
     equal; 1: they differ.
     """
-    from automcm_spec.support.bad_input import BadInput
     from automcm_traces.edit import log_diff as diff_
 
     pairs = station_pairs(stations)
@@ -188,7 +186,6 @@ def _write(
 ) -> None:
     """Write files into a folder and print their paths.  None may overwrite a file in ``read``."""
     from automcm_spec.model_checking.tlc import TlcError
-    from automcm_spec.support.bad_input import BadInput
     from automcm_traces.checker.track import CannotTell
     from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError

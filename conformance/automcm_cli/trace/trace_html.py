@@ -13,6 +13,7 @@ from automcm_cli.shared.common import Json, Late, code_3, say, two_numbers, writ
 from automcm_cli.trace.trace_edit import station_pairs
 from automcm_cli.trace.trace_logs import files_of
 from automcm_spec.support import files, scratch
+from automcm_spec.support.bad_input import BadInput, SpooledInput
 
 if TYPE_CHECKING:
     from automcm_traces.viewer.page_data import Page
@@ -72,7 +73,6 @@ def html(
     the first log (of the first that has the session), and the lines of the other logs from the
     first to the last message exchanged with them.
     """
-    from automcm_spec.support.bad_input import BadInput
     from automcm_traces.viewer.page import html as html_
     from automcm_traces.viewer.page_data import judged
     from automcm_traces.viewer.page_part import PageError
@@ -167,7 +167,6 @@ def _run(paths: list[Path], late: int | None, part: PagePart | None = None) -> t
 
 def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
     from automcm_spec.model_checking.tlc import TlcError
-    from automcm_spec.support.bad_input import SpooledInput
     from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError
     from automcm_traces.export.itf_log import behaviour

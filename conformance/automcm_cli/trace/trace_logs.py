@@ -20,6 +20,7 @@ from automcm_cli.shared.common import (
     write_json,
 )
 from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput, SpooledInput
 
 if TYPE_CHECKING:
     from automcm_traces.explain.log_table import TableRow
@@ -36,7 +37,6 @@ def files_of(command: str, logs: list[Path]) -> list[Path]:
     Standard input and pipes are copied to files, because a log is read more than once.
     """
     from automcm_spec.log_format.reader import logs_below
-    from automcm_spec.support.bad_input import BadInput
 
     with code_3(command, BadInput, OSError):
         return logs_below([_kept(log) for log in logs])
@@ -60,7 +60,6 @@ def _kept(log: Path) -> Path:
     from shutil import copyfileobj
 
     from automcm_spec.support import scratch
-    from automcm_spec.support.bad_input import SpooledInput
 
     kept = ExitStack()
     atexit.register(kept.close)
@@ -144,7 +143,6 @@ def show(
     rejected by the secured link of 2002; 2nd: a second copy; forged: its sender's log shows that it
     was not sent.
     """
-    from automcm_spec.support.bad_input import BadInput
     from automcm_traces.explain import log_table as show_
 
     wanted = show_.Filter(

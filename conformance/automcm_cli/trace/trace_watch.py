@@ -15,8 +15,10 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
+from automcm.links.link import LinkError
 from automcm_cli.shared.common import Late, code_3, say_lines, usage
 from automcm_cli.shared.station_options import Remote
+from automcm_spec.support.bad_input import SpooledInput
 
 if TYPE_CHECKING:
     from automcm_spec.log_format.growing_file import GrowingFile
@@ -93,7 +95,6 @@ class _Sources:
         if where == name:
             self._open(Path(name))
             return
-        from automcm.links.link import LinkError
         from automcm.links.udp_link import address, bind
 
         with usage(LinkError):
@@ -147,8 +148,6 @@ class _Sources:
 
     def _copy(self, given: str) -> Path:
         """The file for a copy of what cannot be read again."""
-        from automcm_spec.support.bad_input import SpooledInput
-
         path = SpooledInput(self._copies, f"{next(self._numbers)}.ndjson")
         path.given = given
         return path
