@@ -158,15 +158,10 @@ class Supposition(NamedTuple):
 
     what: str
     """``restart``, or the name of the timer."""
-    after: int
-    """It happened after this line."""
-    before: int
-    """It happened before this line."""
+    after_line: int
+    before_line: int
+    """It happened between these lines."""
 
     def __str__(self) -> str:
         what = "it restarted" if self.what == "restart" else f"its {self.what} expired"
-        return f"{what} unseen between lines {self.after} and {self.before}"
-
-    def as_dict(self) -> dict[str, object]:
-        """The ``--json`` form."""
-        return {"what": self.what, "after_line": self.after, "before_line": self.before}
+        return f"{what} unseen between lines {self.after_line} and {self.before_line}"

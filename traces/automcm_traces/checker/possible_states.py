@@ -297,8 +297,9 @@ def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Sup
         other = next((x for x in left if x.what == one.what), None)
         if other is not None:
             left.remove(other)
-            lines = min(one.after, other.after), max(one.before, other.before)
-            found.append(Supposition(one.what, *lines))
+            after = min(one.after_line, other.after_line)
+            before = max(one.before_line, other.before_line)
+            found.append(Supposition(one.what, after, before))
     return tuple(found)
 
 

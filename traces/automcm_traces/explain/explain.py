@@ -12,11 +12,10 @@ from itertools import islice
 from pathlib import Path
 
 from automcm_spec.log_format.event_text import starts
-from automcm_spec.log_format.log import Event, Header, Receive
+from automcm_spec.log_format.log import Event, Header
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
-from automcm_spec.vocabulary.messages import Fields, same
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
@@ -24,7 +23,6 @@ from automcm_traces.checker.finding import (
     Answer,
     Finding,
     Supposition,
-    Where,
     answer,
     cannot_tell,
     unreadable,
@@ -39,7 +37,7 @@ from automcm_traces.explain.log_columns import columns
 from automcm_traces.explain.log_table import rows_of
 from automcm_traces.explain.rejections import Rejections, counted, ordered
 from automcm_traces.system.delivery import forged_receptions
-from automcm_traces.system.log_merge import Merged, MergeError, merge
+from automcm_traces.system.log_merge import MergeError, merge
 from automcm_traces.system.properties import SystemReport, judge, judge_merged
 from automcm_traces.system.timeline import Recorder, Timeline
 
@@ -62,10 +60,6 @@ class OwnSession:
     """The line of the input that ended it; 0 if the log ends first."""
     rule: str = ""
     """The rule that ended it."""
-
-    def as_dict(self) -> dict[str, object]:
-        """The ``--json`` form."""
-        return asdict(self) | {"session": list(self.session)}
 
     def __str__(self) -> str:
         name = f"session {self.session[0]}/{self.session[1]} as {self.role}"
@@ -157,9 +151,9 @@ class Verdict:
             "hint": self.hint,
             "rejected": dict(self.rejected),
             "possible_states": self.possible_states,
-            "only_if": [supposition.as_dict() for supposition in self.only_if],
+            "only_if": [supposition._asdict() for supposition in self.only_if],
             "events": self.events,
-            "sessions": [session.as_dict() for session in self.sessions],
+            "sessions": list(map(asdict, self.sessions)),
             "unobserved": list(self.unobserved),
             "warnings": list(self.warnings),
         }
@@ -234,40 +228,8 @@ def forged(logs: Sequence[Log]) -> dict[str, Finding]:
     found: dict[str, Finding] = {}
     for run in runs.values():
         with suppress(MergeError):
-            found |= _forged_in(merge(run))
+            found |= forged_receptions(merge(run))
     return found
-
-
-def _forged_in(merged: Merged) -> dict[str, Finding]:
-    return {
-        file: Finding(
-            "forged",
-            "forged",
-            at=Where(file, at),
-            expected=tuple(_as_sent(original, e.message or {})) if original else (),
-            observed=_forged_as(e, original),
-        )
-        for file, (at, e, original) in forged_receptions(merged).items()
-    }
-
-
-def _forged_as(e: Receive, original: Fields | None) -> str:
-    m = e.message or {}
-    what = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
-    was = "that transmission was another message" if original else "its sender did not send it"
-    return f"{what}: forged, {was}"
-
-
-def _as_sent(original: Fields, m: Fields) -> Iterator[str]:
-    """A line for each field in which a received message differs from the sent one."""
-    for name in sorted(original.keys() | m.keys()):
-        was, is_ = original.get(name), m.get(name)
-        if not same(was, is_):
-            yield f"{name}: {_json(was)} was sent, not {_json(is_)}"
-
-
-def _json(value: object) -> str:
-    return "nothing" if value is None else json.dumps(value)
 
 
 @dataclass(slots=True)
@@ -332,7 +294,7 @@ def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], System
         merged = merge(logs)
     except MergeError:
         return verdicts(found), judge(logs, timelines)
-    return _with_forged(found, _forged_in(merged)), judge_merged(merged, timelines)
+    return _with_forged(found, forged_receptions(merged)), judge_merged(merged, timelines)
 
 
 def _with_forged(found: Sequence[JudgedLog], foreign: Mapping[str, Finding]) -> list[Verdict]:

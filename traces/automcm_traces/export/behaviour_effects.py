@@ -15,7 +15,7 @@ from typing import Any
 from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
-from automcm_spec.vocabulary.station import Entry, Input, Message, State
+from automcm_spec.vocabulary.station import Entry, Input, Message, Outcome, State
 from automcm_traces.export.behaviour_to_log import StepEffects
 
 MODULE = """---- MODULE Story ----
@@ -96,16 +96,10 @@ def effects_of(
 
 
 def _effects(answer: Any) -> StepEffects:
-    after, out, indication, rule, arm, stop, marks = answer
-    return StepEffects(
-        tlc_simulation.state(after),
-        frozenset(Message(**m) for m in out),
-        indication,
-        rule,
-        frozenset(map(tlc_simulation.timer_of, arm)),
-        frozenset(map(tlc_simulation.timer_of, stop)),
-        marks,
-    )
+    after, out, told, rule, arm, stop, marks = answer
+    st, messages = tlc_simulation.state(after), frozenset(Message(**m) for m in out)
+    timers = (frozenset(map(tlc_simulation.timer_of, timers)) for timers in (arm, stop))
+    return StepEffects(Outcome(st, messages, told, rule, *timers), marks)
 
 
 def _assumption(n: int, q: EffectQuery) -> str:

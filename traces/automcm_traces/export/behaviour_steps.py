@@ -8,11 +8,20 @@ so that a log can explain every state of a station.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
+from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
-from automcm_spec.vocabulary.station import Expire, Input, Message, Receive, State, Timer
-from automcm_traces.checker.track import INITIAL
+from automcm_spec.vocabulary.station import (
+    Expire,
+    Input,
+    Message,
+    Outcome,
+    Receive,
+    State,
+    Timer,
+)
+from automcm_traces.checker.track import INITIAL, NO_INDICATION
 from automcm_traces.export.behaviour_effects import EffectQuery
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep, StepEffects, plain
 
@@ -93,13 +102,13 @@ def _steps_of_move(
             BehaviourStep(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)
         ]
     s = move.station
-    main = effects[_main(move)]
-    main = replace(main, arm=main.arm | move.also_armed)
+    main, marks = effects[_main(move)]
+    main = main._replace(arm=main.arm | move.also_armed)
     when = move.at_ms, move.behind_ms, move.deadlines, move.cams
-    out = [BehaviourStep(s, move.before[s], move.input, main, *when)]
+    out = [BehaviourStep(s, move.before[s], move.input, StepEffects(main, marks), *when)]
     for q in split.chain:
         out.append(BehaviourStep(s, q.state, q.input, effects[q]))
-    reached = out[-1].effects.after
+    reached = out[-1].effects.outcome.st
     if reached != move.after[s]:
         raise BehaviourError(
             f"{canonical(move.input)} of {s} leads to {canonical(reached)}, not to the model's "
@@ -108,9 +117,7 @@ def _steps_of_move(
     return out + [_answer(answer, calls, effects) for answer, calls in split.answers]
 
 
-NOTHING = StepEffects(
-    INITIAL, frozenset(), ("nothing",), "none", frozenset(), frozenset(), frozenset()
-)
+NOTHING = StepEffects(Outcome(INITIAL, EMPTY, NO_INDICATION, "none", EMPTY, EMPTY), EMPTY)
 
 
 def _reduced(
@@ -121,8 +128,8 @@ def _reduced(
     move = split.move
     if not move.station:
         return
-    main = effects[_main(move)]
-    at = main.after
+    main = effects[_main(move)].outcome
+    at = main.st
     for entry in sorted(at.outbox, key=canonical):
         if entry.type != "Prescription":
             split.chain.append(EffectQuery(move.station, at, Expire("expire", ("giveup", entry))))
@@ -131,7 +138,7 @@ def _reduced(
                 at = at._replace(phase="WAITING")
     if at.backoff:
         split.chain.append(EffectQuery(move.station, at, Expire("expire", ("backoff",))))
-    sent = frozenset(map(plain, main.messages))
+    sent = frozenset(map(plain, main.out))
     for answer in sorted((move.net_after - move.net_before - sent) & wanted, key=canonical):
         split.answers.append((answer, _candidates(answer, move, sent)))
     if isinstance(move.input, Receive):
@@ -156,6 +163,6 @@ def _answer(
 ) -> BehaviourStep:
     for q in candidates:
         found = effects[q]
-        if any(plain(m) == answer for m in found.messages):
+        if any(plain(m) == answer for m in found.outcome.out):
             return BehaviourStep(q.station, q.state, q.input, found)
     raise BehaviourError(f"no input causes {canonical(answer)}")

@@ -21,7 +21,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.writer import LogWriter
@@ -36,6 +36,7 @@ from automcm_spec.vocabulary.station import (
     Expire,
     Input,
     Message,
+    Outcome,
     Receive,
     Restart,
     Session,
@@ -59,19 +60,11 @@ class BehaviourError(Exception):
     """A behaviour that cannot be written as a log; the text names the step."""
 
 
-@dataclass(frozen=True, slots=True)
-class StepEffects:
-    """The effects of a step, with the model's ids.
+class StepEffects(NamedTuple):
+    """The outcome of a step, and the sessions that the station's CAMs name after it. All with the
+    model's ids."""
 
-    ``marks`` are the sessions that the station's CAMs name after it.
-    """
-
-    after: State
-    messages: frozenset[Message]
-    indication: tuple[str, ...]
-    rule: str
-    arm: frozenset[Timer]
-    stop: frozenset[Timer]
+    outcome: Outcome
     marks: frozenset[Session]
 
 
@@ -173,20 +166,20 @@ class _LogBuilder:
             return
         me, now = self._stations[h.station], self._times[h.station][n]
         more = {
-            "rule": h.effects.rule,
-            "phase": h.effects.after.phase,
-            "role": h.effects.after.role,
+            "rule": h.effects.outcome.rule,
+            "phase": h.effects.outcome.st.phase,
+            "role": h.effects.outcome.st.role,
         }
         received_message = self._input(n, h, now, more)
-        for m in sorted(h.effects.messages, key=lambda m: (m.type == "Ack", canonical(m))):
+        for m in sorted(h.effects.outcome.out, key=lambda m: (m.type == "Ack", canonical(m))):
             self._send(h, m, now, received_message)
-        for timer in sorted(h.effects.stop, key=canonical):
+        for timer in sorted(h.effects.outcome.stop, key=canonical):
             me.open.pop(timer, None)
             named = self._timer(h.station, timer)
             me.events.append(("timer", now, {"op": "stop", "timer": named}))
-        for timer in sorted(h.effects.arm, key=canonical):
+        for timer in sorted(h.effects.outcome.arm, key=canonical):
             self._arm(h, timer, now)
-        if h.effects.indication != ("nothing",):
+        if h.effects.outcome.told != ("nothing",):
             indication = self._indication(h, received_message)
             me.events.append(("indication", now, {"indication": indication}))
         if h.effects.marks != me.marks:
@@ -318,7 +311,9 @@ class _LogBuilder:
         if h.deadlines is not None:
             deadline = h.deadlines[timer]
         elif timer == LEASE:
-            deadline = now + self._lease[h.effects.after.session, h.effects.after.proposal]
+            deadline = (
+                now + self._lease[h.effects.outcome.st.session, h.effects.outcome.st.proposal]
+            )
         fields = {"op": "arm", "timer": named, "deadline": deadline}
         if timer != LEASE:
             me.open[timer] = len(me.events)
@@ -340,9 +335,9 @@ class _LogBuilder:
         return {"name": timer[0]}
 
     def _indication(self, h: BehaviourStep, received_message: dict[str, Json]) -> dict[str, Json]:
-        name, *about = h.effects.indication
-        indication: dict[str, Json] = {"name": name, "rule": h.effects.rule}
-        after = h.effects.after
+        name, *about = h.effects.outcome.told
+        indication: dict[str, Json] = {"name": name, "rule": h.effects.outcome.rule}
+        after = h.effects.outcome.st
         session = h.before.session if after.session == (0, 0) else after.session
         if session != (0, 0):
             indication["session"] = NAMES.session(session)
@@ -410,12 +405,12 @@ def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal
         if h.station != station:
             continue
         expired = h.input == Expire("expire", LEASE)
-        if running and (expired or LEASE in h.effects.stop):
+        if running and (expired or LEASE in h.effects.outcome.stop):
             running.over, running.expired = n, expired
             running = None
-        if LEASE in h.effects.arm:
+        if LEASE in h.effects.outcome.arm:
             running = _Lease(n, len(story) - 1)
-            found.append(((h.effects.after.session, h.effects.after.proposal), running))
+            found.append(((h.effects.outcome.st.session, h.effects.outcome.st.proposal), running))
     return found
 
 

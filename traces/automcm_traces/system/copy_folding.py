@@ -87,11 +87,10 @@ class Phases:
     def __init__(self) -> None:
         self._now: dict[int, str] = {}
 
-    def change(self, station: int, event: Event | None) -> str:
+    def change(self, station: int, event: Event) -> str:
         """The phase after the next event of a station; empty if it stays the same."""
-        before = self._now.setdefault(station, "STANDALONE")
-        after = None if event is None else event.phase
-        if after is None or after == before:
+        after = event.phase
+        if after is None or after == self._now.get(station, "STANDALONE"):
             return ""
         self._now[station] = after
         return after

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from automcm_spec.log_format.log import Receive, Send
-from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.messages import Fields, same
+from automcm_traces.checker.finding import Finding, Where
 from automcm_traces.system.event_order import Node
 from automcm_traces.system.fates import ANYONE, FATES, Arrow, Fate, addressees
 from automcm_traces.system.log_merge import Merged, sends
@@ -77,13 +80,34 @@ def _forged(merged: Merged, node: Node) -> Forged:
     return Forged(node, log.file, log.events[node[1]][0], text, merged.forged[node])
 
 
-def forged_receptions(merged: Merged) -> dict[str, tuple[int, Receive, Fields | None]]:
+def forged_receptions(merged: Merged) -> dict[str, Finding]:
     """By file: the first received message that differs from the message its sender logged under the
-    same ``tx``, as its line, the event, and the sender's message (None: there is none)."""
+    same ``tx``."""
     sent = {e.tx: e.message for _, e in reversed([*sends(merged)])}
-    found: dict[str, tuple[int, Receive, Fields | None]] = {}
+    found: dict[str, Finding] = {}
     for i, k in merged.forged:
         (at, e), file = merged.logs[i].events[k], merged.logs[i].file
-        if isinstance(e, Receive) and e.tx is not None:
-            found.setdefault(file, (at, e, sent.get(e.tx)))
+        if isinstance(e, Receive) and e.tx is not None and file not in found:
+            m, original = e.message or {}, sent.get(e.tx)
+            was = (
+                "that transmission was another message"
+                if original
+                else "its sender did not send it"
+            )
+            text = (
+                f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}: forged, {was}"
+            )
+            differ = tuple(_differences(original, m)) if original else ()
+            found[file] = Finding("forged", "forged", "", Where(file, at), differ, text)
     return found
+
+
+def _differences(original: Fields, m: Fields) -> Iterator[str]:
+    """A line for each field in which a received message differs from the sent one."""
+    for name in sorted(original.keys() | m.keys()):
+        was, is_ = (
+            "nothing" if one is None else json.dumps(one)
+            for one in (original.get(name), m.get(name))
+        )
+        if not same(original.get(name), m.get(name)):
+            yield f"{name}: {was} was sent, not {is_}"

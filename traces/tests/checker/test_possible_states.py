@@ -273,8 +273,12 @@ def test_a_log_that_only_an_unseen_restart_explains_says_so(
     kept = [r for r in records if r["rec"] == "header" or r.get("ev") in ("restart", *kinds)]
     before = next(n for n, r in enumerate(kept) if r.get("ev") == "restart")
     (found,) = judged(records, kinds, tmp_path).only_if
-    assert found.what == "restart" and found.after <= before < found.before
-    assert kept[found.before]["t_ms"] >= kept[before]["t_ms"] >= kept[found.after - 1]["t_ms"]
+    assert found.what == "restart" and found.after_line <= before < found.before_line
+    assert (
+        kept[found.before_line]["t_ms"]
+        >= kept[before]["t_ms"]
+        >= kept[found.after_line - 1]["t_ms"]
+    )
     assert judged(records, (*kinds, "restart"), tmp_path).only_if == ()
 
 

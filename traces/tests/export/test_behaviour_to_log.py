@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.vocabulary.station import Command, Message, Timer
+from automcm_spec.vocabulary.station import Command, Message, Outcome, Timer
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.export.behaviour_to_log import BehaviourStep, StepEffects, logs
 
@@ -30,7 +30,7 @@ def test_act_5_a_cam_is_sent_whenever_the_marks_change() -> None:
     advertisement = Message("Advertisement", 1, 0, (1, 1), 1, 0, False, "none", ("none", 0))
     timers = frozenset({("advertise",)}), frozenset[Timer]()
     sent, marks = frozenset({advertisement}), frozenset({(1, 1)})
-    effects = StepEffects(opened, sent, ("nothing",), "ADV-1", *timers, marks)
+    effects = StepEffects(Outcome(opened, sent, ("nothing",), "ADV-1", *timers), marks)
     step = BehaviourStep(1, INITIAL, Command("command", "request", (0, 0), 0, 0), effects)
     lines = logs("r", [step], [1], {})[1001].splitlines()
     cams = [json.loads(line) for line in lines if b'"CAM"' in line]
