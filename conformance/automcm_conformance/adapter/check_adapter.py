@@ -16,7 +16,7 @@ from automcm_conformance.adapter.process import AdapterError, Process
 from automcm_conformance.adapter.protocol import (
     DEFAULTS,
     INDICATIONS,
-    PROTOCOL,
+    SAY_HELLO,
     Answer,
     Object,
     ProtocolError,
@@ -34,7 +34,6 @@ START = 1_000_000
 SHORT = DEFAULTS | {"t_timeout": 200, "backoff_max": DEFAULTS["backoff_min"]}
 DURATIONS = {"advertise": 40, "resend": 70, "giveup": 50}
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
-HELLO = {"cmd": "hello", "protocol": PROTOCOL}
 _NEVER = [STATION, 2**40]
 """A session that does not exist."""
 _MALFORMED = "a malformed message must be discarded, not answered with an error (END-5)"
@@ -85,7 +84,7 @@ class _Check:
         lines: list[bytes] = []
         with self._part("each command has a valid answer"):
             with self._process() as process:
-                process.exchange([_line(HELLO)])
+                process.exchange([SAY_HELLO])
                 self._script(process)
                 if wrong := process.stop():
                     self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
@@ -161,19 +160,18 @@ class _Check:
             yield "warning", "the answer has 'cams', but hello does not name the feature cam"
 
     def _hello(self, process: Process) -> None:
-        line = _line(HELLO)
-        answered = self._exchange(process, line)
+        answered = self._exchange(process, SAY_HELLO)
         try:
             hello = read_hello(answered)
         except ProtocolError as error:
-            self._add("error", f"hello: {error}", line, answered)
+            self._add("error", f"hello: {error}", SAY_HELLO, answered)
             return
         self._features = list(hello.features)
         self._scenario = hello.scenarios[0]
-        self._fixed = {name: value for name, value in hello.fixed.items()}
+        self._fixed = dict(hello.fixed)
         if not {"prescriber", "receiver"} & set(hello.features):
             what = "the features name neither prescriber nor receiver: most cases are skipped"
-            self._add("warning", what, line, answered)
+            self._add("warning", what, SAY_HELLO, answered)
 
     def _script(self, process: Process) -> None:
         """Send each command once, and keep them all for ``_repeated``."""
@@ -269,7 +267,7 @@ class _Check:
     def _repeated(self, lines: list[bytes], first: list[bytes]) -> None:
         """Repeat the commands in a new process, after another reset, and all written at once."""
         with self._process() as process:
-            process.exchange([_line(HELLO)])
+            process.exchange([SAY_HELLO])
             for what in (
                 "a new process gives another answer to the same commands: randomness or a clock?",
                 "reset does not clear all state: the same commands get another answer after it",
@@ -295,7 +293,7 @@ class _Check:
 
     def _refuses(self, what: str, line: bytes) -> None:
         with self._process() as process:
-            process.exchange([_line(HELLO)])
+            process.exchange([SAY_HELLO])
             answered = self._exchange(process, line)
             try:
                 read_answer(answered)

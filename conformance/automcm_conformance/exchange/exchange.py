@@ -289,11 +289,6 @@ class Exchange:
         return self.oracle.answer(state, i) is not None
 
     @property
-    def first_timer(self) -> Timer | None:
-        """The timer that expires next; None if no timer is armed."""
-        return None if self.clock.first is None else self.clock.first.timer
-
-    @property
     def unwritten_lines(self) -> list[bytes]:
         """The lines that have not been written yet."""
         return [step.line for step in self.unwritten_steps]

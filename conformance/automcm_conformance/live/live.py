@@ -215,7 +215,7 @@ class Live:
         x, due = self._x, self._x.next_due
         assert due is not None
         self._expect_none(due - self._jitter)
-        if not self._messages_of(x.first_timer):
+        if not self._messages_of(x.clock.due(due)):
             return x.advance(due)
         received = self._next(due + self._jitter)
         # The timers that the station arms at this moment start when it was awake.

@@ -138,56 +138,53 @@ class PlayRun:
 
         Raises OSError.
         """
+        outcome = self._played(folder)
+        logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
+        lines = [] if outcome.verdict == "PASS" else self._lines[-SHOWN:]
+        return replace(outcome, lines=lines, log=logs)
+
+    def _played(self, folder: Path) -> ScenarioOutcome:
         end = "clean"
         try:
             self._run()
         except Diverges as d:
-            return self._not_allowed(folder, d)
+            return self._not_allowed(d)
         except CannotTell as error:
-            return self._inconclusive(folder, f"{self._at}: {error}")
+            return self._inconclusive(f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
             end = "crash"
             came = list(getattr(error, "stderr", ()))
-            return self._with_logs(
-                folder, ScenarioOutcome("ERROR", f"{self._at}: {error}", came=came)
-            )
+            return ScenarioOutcome("ERROR", f"{self._at}: {error}", came=came)
         finally:
             for monitor in self._stations.values():
                 monitor.end(end)
         if (broken := self._broken_property(folder)) is not None:
-            return self._with_logs(folder, ScenarioOutcome("FAIL", finding=broken))
+            return ScenarioOutcome("FAIL", finding=broken)
         for station, expected in self._play.expected.items():
             found = self._indications[station]
             pairs = zip(expected, found, strict=False)
             alike = all(wanted in (told, told.split()[0]) for wanted, told in pairs)
             if len(found) != len(expected) or not alike:
                 text = f"every step is allowed, but {station} indicated {', '.join(found)}"
-                return self._inconclusive(folder, f"{text}; expected {', '.join(expected)}")
-        return self._with_logs(folder, ScenarioOutcome("PASS"))
+                return self._inconclusive(f"{text}; expected {', '.join(expected)}")
+        return ScenarioOutcome("PASS")
 
-    def _inconclusive(self, folder: Path, text: str) -> ScenarioOutcome:
+    def _inconclusive(self, text: str) -> ScenarioOutcome:
         """Every step is allowed, so parameters that are not the default must be the reason."""
         fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[str(n)] != ms]
         if not fixed:
-            return self._with_logs(folder, ScenarioOutcome("INCONC", text))
-        text = f"not applicable with {' and '.join(fixed)}: {text}"
-        return self._with_logs(folder, ScenarioOutcome("SKIP", text))
+            return ScenarioOutcome("INCONC", text)
+        return ScenarioOutcome("SKIP", f"not applicable with {' and '.join(fixed)}: {text}")
 
-    def _with_logs(self, folder: Path, outcome: ScenarioOutcome) -> ScenarioOutcome:
-        logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
-        lines = [] if outcome.verdict == "PASS" else self._lines[-SHOWN:]
-        return replace(outcome, lines=lines, log=logs)
-
-    def _not_allowed(self, folder: Path, d: Diverges) -> ScenarioOutcome:
+    def _not_allowed(self, d: Diverges) -> ScenarioOutcome:
         found = self._stations.get(self._at)
         last = None if found is None else found.last
-        outcome = ScenarioOutcome(
+        return ScenarioOutcome(
             "FAIL",
             finding=replace(d.finding, at=Where(str(self._at), d.finding.at.line)),
             input=last.input if last is not None and d.finding.rule == last.rule else None,
             came=[line.text for line in self._lines[-1:] if line.who == "station"],
         )
-        return self._with_logs(folder, outcome)
 
     # -- time
 

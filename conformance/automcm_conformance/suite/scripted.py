@@ -106,6 +106,6 @@ def _before(x: Exchange, timer: Timer) -> None:
     while (due := x.next_due) is not None and due < deadline:
         if any(x.expires(i)[0] != "resend" for i in x.advance(due)):
             raise Infeasible
-    if x.first_timer != timer:
+    if x.clock.due(deadline) != timer:
         raise Infeasible
     x.wait(deadline - 1)
