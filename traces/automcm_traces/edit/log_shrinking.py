@@ -128,7 +128,12 @@ def shrink(
     if wrong is not None and wrong.finding.kind != "forged":
         alone = LogSlice.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
         found = Shrunk(wrong.finding, (alone,), {name_of(path): _events(path) for path in paths})
-        return Search(found, diverges_as(wrong, late_ms), tries, on_progress).run()
+        wanted = _signature(wrong)
+
+        def same(logs: Sequence[Log]) -> bool:
+            return _signature(explain(logs[0], late_ms)) == wanted
+
+        return Search(found, same, tries, on_progress).run()
     for v in verdicts:
         if v.verdict == "unreadable":
             where = at_line(v.file, v.finding.at.line)
@@ -175,14 +180,9 @@ def masked(text: str) -> str:
     return re.sub(r"\d+", "#", text)
 
 
-def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
-    """Whether a log diverges at the same event, by the same rule and in the same way: in the same
-    state except for its numbers, with the same guard in the way."""
-    wanted = _signature(wrong)
-    return lambda logs: _signature(explain(logs[0], late_ms)) == wanted
-
-
 def _signature(v: Verdict) -> tuple[object, ...]:
+    """Equal for two verdicts on a log that diverges at the same event, by the same rule and in the
+    same way: in the same state except for its numbers, with the same guard in the way."""
     # The missing effects of an input are the problem: no other effect may be left out there.
     found = v.finding
     exact = found.kind in ("missing", "state")
@@ -231,10 +231,6 @@ def _violations(report: SystemReport) -> list[Finding]:
     found += [("forged", text) for text in report.forged]
     found += [("cycle", text) for text in report.cycles]
     return [Finding("property", property=name, observed=where) for name, where in found]
-
-
-def _down(n: int) -> range:
-    return range(n, -1, -1)
 
 
 # -- the search
@@ -321,7 +317,8 @@ class Search:
         steps = self.found.logs[n].steps()
         if len(steps) > MOST_STEPS:
             return
-        rows = [steps[at : at + size] for size in _down(len(steps)) for at in _down(len(steps))]
+        down = range(len(steps), -1, -1)
+        rows = [steps[at : at + size] for size in down for at in down]
         for away in [*rows, *combinations(reversed(steps), 2)]:
             if self.ended or self._without({id(item) for step in away for item in step}):
                 return

@@ -203,7 +203,8 @@ def text(coverage: LogCoverage) -> list[str]:
     if len(c.problems) > MOST_PROBLEMS:
         lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
     for name, part, whole, never in shares(c):
-        lines.append(_share(name, part, whole))
+        percent = 100 * part / whole
+        lines.append(f"{name:<22} {part:>9,} of {whole:>10,} {percent:>6.1f} %")
         if name == CONDITIONS:
             lines += [f"  {line}" for line in never]
         else:
@@ -229,10 +230,6 @@ def shares(coverage: LogCoverage) -> Iterator[tuple[str, int, int, list[str]]]:
     for name, table in coverage.tables().items():
         never = [thing for thing, count in table.items() if not count]
         yield name, len(table) - len(never), len(table), never
-
-
-def _share(what: str, part: int, whole: int) -> str:
-    return f"{what:<22} {part:>9,} of {whole:>10,} {100 * part / whole:>6.1f} %"
 
 
 def _wrapped(start: str, texts: Sequence[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -16,7 +16,6 @@ from automcm_spec.vocabulary.condition_coverage import (
     by_operator,
     reached,
 )
-from automcm_spec.vocabulary.conditions import Condition
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.explain.coverage import LogCoverage, problems, shares
 
@@ -38,7 +37,7 @@ class Shown(NamedTuple):
     number: int
     text: str
     colour: Colour
-    notes: tuple[str, ...]
+    notes: Sequence[str]
     """How often each condition was true and false."""
     rules: Mapping[str, int]
     """How often each rule decided there."""
@@ -68,15 +67,12 @@ def _shown(coverage: ConditionCoverage, line: SpecLine) -> Shown:
     decided: Counter[str] = Counter()
     for c in line.rules:
         decided[c.text] += coverage.ways[c, True]
-    notes = tuple(_values(coverage, line.conditions))
-    return Shown(line.number, line.text, COLOURS[line.mark], notes, decided)
-
-
-def _values(coverage: ConditionCoverage, own: Sequence[Condition]) -> Iterator[str]:
-    for c in own:
+    notes = []
+    for c in line.conditions:
         can_be = reached().values(c)
         times = [f"{str(v).lower()} {coverage.ways[c, v]:,}" for v in reversed(BOTH) if v in can_be]
-        yield f"{c.text}: {', '.join(times)}"
+        notes.append(f"{c.text}: {', '.join(times)}")
+    return Shown(line.number, line.text, COLOURS[line.mark], notes, decided)
 
 
 def _counts(lines: Sequence[Shown]) -> dict[str, int]:

@@ -68,14 +68,16 @@ class WatchedLog:
         self._check = VerdictCheck(self._log, self._late_ms)
         return self._log
 
-    def read(self) -> None:
-        """Check the events that are there. Sets the verdict when the log is over."""
+    def read(self, last: bool = False) -> None:
+        """Check the events that are there; with ``last``, no more will come. Sets the verdict when
+        the log is over."""
         log, check = self._log, self._check
         if log is None or check is None or self.verdict is not None:
             return
         check.feed_all(log)
-        if check.over or log.ended or log.gap is not None:
-            self._end(check)
+        if last or check.over or log.ended or log.gap is not None:
+            check.end()
+            self.verdict = check.verdict()
 
     def finish(self) -> None:
         """Take what there is as the whole log; sets the verdict."""
@@ -89,13 +91,7 @@ class WatchedLog:
         self.lines.finish()
         self._entries.finish()
         self.begin()
-        self.read()
-        if self._check is not None and self.verdict is None:
-            self._end(self._check)
-
-    def _end(self, check: VerdictCheck) -> None:
-        check.end()
-        self.verdict = check.verdict()
+        self.read(last=True)
 
 
 class Watch:

@@ -66,7 +66,11 @@ def effects_of(
     wanted = list(dict.fromkeys(questions))
     if not wanted:
         return {}
-    assumptions = "\n".join(f"ASSUME {_assumption(n, q)}" for n, q in enumerate(wanted))
+    assumptions = []
+    for n, q in enumerate(wanted):
+        following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
+        query = f"{n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following}"
+        assumptions.append(f"ASSUME Answered({query})")
     constants = re.sub(
         r"^(INIT|NEXT|SPECIFICATION|VIEW|SYMMETRY|CHECK_DEADLOCK|INVARIANTS?|PROPERT(Y|IES)|"
         r"(ACTION_)?CONSTRAINTS?)\b.*\n(^[ \t].*\n)*",
@@ -87,7 +91,7 @@ def effects_of(
     with scratch.folder("story") as place:
         for path in TLA.glob("*.tla"):
             shutil.copy(path, place)
-        text = MODULE.format(module=module, questions=assumptions)
+        text = MODULE.format(module=module, questions="\n".join(assumptions))
         (place / "Story.tla").write_text(text, encoding="utf-8")
         nothing = "INIT NoState\nNEXT NoStep\nCHECK_DEADLOCK FALSE\n"
         (place / "Story.cfg").write_text(constants + nothing, encoding="utf-8")
@@ -100,11 +104,6 @@ def _effects(answer: Any) -> StepEffects:
     st, messages = tlc_simulation.state(after), frozenset(Message(**m) for m in out)
     timers = (frozenset(map(tlc_simulation.timer_of, timers)) for timers in (arm, stop))
     return StepEffects(Outcome(st, messages, told, rule, *timers), marks)
-
-
-def _assumption(n: int, q: EffectQuery) -> str:
-    following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
-    return f"Answered({n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following})"
 
 
 def _tla(value: Any) -> str:

@@ -17,7 +17,7 @@ STOPPED, EXPIRED, REARMED, OPEN, RESTARTED = range(5)
 """How a bar ends."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Bar:
     """A timer from its arming to its end."""
 
@@ -136,7 +136,8 @@ def _bars(log: Log, found: StateHistory, leases: dict[int, tuple[str, int]]) -> 
     def close(key: Timer, at: int, how: int) -> None:
         bar = open_.pop(key, None)
         if bar is not None:
-            done.append(Bar(bar.armed, at, how, bar.logged_ms, bar.spec_ms))
+            bar.ended, bar.how = at, how
+            done.append(bar)
 
     for n, (at, event) in enumerate(log.events):
         while due is not None and due <= at:
