@@ -149,16 +149,16 @@ def shrink(
         raise NothingToShrink(text, code) from None
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
-        found = Shrunk(wrong.finding, logs, before)
-        return Search(found, forged_as(wrong, verdicts, late_ms), tries, on_progress).run()
+        problem = shows_too(wrong.finding, verdicts, late_ms)
+        return Search(Shrunk(wrong.finding, logs, before), problem, tries, on_progress).run()
     system = judge([log.log() for log in logs]) if len(paths) > 1 else None
     violated = None if system is None else next(iter(_violations(system)), None)
     if violated is None:
         if code == 1 and system is not None and system.hazards:
             text = "a fault caused a hazard, but all stations behave as allowed: nothing to shrink"
         raise NothingToShrink(text, code)
-    found = Shrunk(violated, logs, before)
-    return Search(found, violates_as(violated, verdicts, late_ms), tries, on_progress).run()
+    problem = shows_too(violated, verdicts, late_ms)
+    return Search(Shrunk(violated, logs, before), problem, tries, on_progress).run()
 
 
 def _events(path: Path) -> int:
@@ -191,38 +191,24 @@ def _signature(v: Verdict) -> tuple[object, ...]:
     return found.kind, found.at, found.rule, masked(found.observed), missing, around
 
 
-def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
-    """Whether the same message is forged, and no other log has become worse."""
-    good = {v.file for v in verdicts if v.verdict == "allowed" or v is wrong}
+def shows_too(wrong: Finding, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
+    """Whether several logs have the same forged message, or violate the same property in the same
+    way, and no log has become worse."""
+    wanted = wrong.property, masked(wrong.observed)
+    good = {v.file for v in verdicts if v.verdict == "allowed" or v.finding is wrong}
 
     def same(logs: Sequence[Log]) -> bool:
         others = forged(logs)
-        if others.pop(wrong.file, None) != wrong.finding:
+        if wrong.kind == "forged" and others.pop(wrong.at.file, None) != wrong:
             return False
-        return not others.keys() & good and all(
-            _allowed(log, late_ms) for log in logs if log.file in good
-        )
-
-    return same
-
-
-def violates_as(wrong: Finding, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
-    """Whether the same property is violated in the same way, and no log has become worse."""
-    wanted = wrong.property, masked(wrong.observed)
-    good = {v.file for v in verdicts if v.verdict == "allowed"}
-
-    def same(logs: Sequence[Log]) -> bool:
-        if not all(_allowed(log, late_ms) for log in logs if log.file in good):
+        alone = (explain(log, late_ms).verdict for log in logs if log.file in good)
+        if others.keys() & good or any(verdict != "allowed" for verdict in alone):
             return False
-        if forged(logs).keys() & good:
-            return False
+        if wrong.kind == "forged":
+            return True
         return wanted in [(f.property, masked(f.observed)) for f in _violations(judge(logs))]
 
     return same
-
-
-def _allowed(log: Log, late_ms: int | None) -> bool:
-    return explain(log, late_ms).verdict == "allowed"
 
 
 def _violations(report: SystemReport) -> list[Finding]:
