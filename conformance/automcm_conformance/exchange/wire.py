@@ -160,7 +160,7 @@ class Wire:
     fresh: list[int] = field(default_factory=list)
     """The numbers that several new messages of the last step share."""
     _cache: dict[Message, dict[str, Json]] = field(default_factory=dict)
-    """The number of messages received."""
+    """Received messages with their content, which a copy repeats."""
 
     # -- content and ids
 
