@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,7 @@ def test_several_sessions_of_one_log_are_told_apart() -> None:
     session = verdict.sessions[0]
     assert session.role == "prescriber" and session.rule == "ACT-3"
     assert session.phases == ["ADVERTISING", "CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING"]
-    assert verdict.as_dict()["sessions"] == [session.as_dict()]
+    assert verdict.as_dict()["sessions"] == [asdict(session)]
 
 
 Edit = Callable[[Edited], None]
