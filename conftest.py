@@ -19,6 +19,7 @@ sys.path[:0] = [
 hypothesis.settings.register_profile(
     "quick", hypothesis.settings.get_profile("ci"), max_examples=25
 )
+hypothesis.settings.register_profile("fuzz", max_examples=200_000, database=None, deadline=None)
 gc.set_threshold(100_000, 20, 20)  # a tenth of the time went into looking for garbage in graphs
 COROUTINE_S = 60
 """A test that is a coroutine fails after that time."""

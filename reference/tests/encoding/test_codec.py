@@ -1,4 +1,4 @@
-"""Both codecs: round trips, refused bytes, sizes, and the fuzzer."""
+"""Both codecs: round trips, refused bytes and sizes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any, get_args
 import asn1tools
 import pytest
 from automcm_stage import advertisement, cam, fin, intention
+from encoded_examples import EXAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -19,7 +20,6 @@ from test_messages import BY_TYPE, changed
 from automcm.encoding.codec import FRAME_BYTES, JSON, Codec, CodecError, codec
 from automcm.encoding.uper import MAX_POINTS, SCHEMA, UPER
 from automcm_evaluation.bandwidth import message_sizes as sizes
-from automcm_maintenance.benches import decoder_fuzz
 from automcm_spec.vocabulary.messages import (
     LIMIT,
     MAX_BYTES,
@@ -40,7 +40,6 @@ from automcm_spec.vocabulary.messages import (
 
 EXTRAS = Cam.model_fields.keys() - to_dict(cam(1, 0)).keys()
 BOTH: list[Codec] = [JSON, UPER]
-EXAMPLES = decoder_fuzz.examples()
 
 
 def refused(used: Codec, data: bytes, text: str) -> None:
