@@ -73,10 +73,11 @@ class OwnSession:
 class OwnSessions(Watcher):
     """Collects the sessions of a station."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST) -> None:
         self.kept: list[OwnSession] = []
-        """The last ``MOST`` sessions."""
+        """The last ``most`` sessions."""
         self.number = 0
+        self._most = most
 
     def step(self, step: InputStep, track: Track) -> None:
         """Update the sessions after a step."""
@@ -89,7 +90,7 @@ class OwnSessions(Watcher):
         if current is None:
             self.number += 1
             current = OwnSession(track.session, track.state.role, step.at, [])
-            self.kept = [*self.kept[1 - MOST :], current]
+            self.kept = [*self.kept[1 - self._most :], current]
         if current.phases[-1:] != [track.state.phase]:
             current.phases.append(track.state.phase)
 
@@ -179,8 +180,10 @@ class VerdictCheck(Check):
         log: Log | LogStream,
         late_ms: int | None = None,
         watchers: Sequence[Watcher] = (),
+        most: int = MOST,
     ) -> None:
-        self._sessions, self._hints = OwnSessions(), Hints(log.header)
+        """``most`` is the maximum number of sessions kept."""
+        self._sessions, self._hints = OwnSessions(most), Hints(log.header)
         self._rejections = Rejections()
         noted = (self._sessions, self._hints, self._rejections)
         super().__init__(log, late_ms, [*noted, *watchers])

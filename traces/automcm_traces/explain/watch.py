@@ -65,7 +65,7 @@ class WatchedLog:
         except BadInput as error:
             self.verdict = Verdict(self.file, unreadable(error))
             return None
-        self._check = VerdictCheck(self._log, self._late_ms)
+        self._check = VerdictCheck(self._log, self._late_ms, most=explain.SESSIONS)
         return self._log
 
     def read(self, last: bool = False) -> None:
