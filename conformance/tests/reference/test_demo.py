@@ -204,7 +204,7 @@ REST: dict[str, Any] = {"session": None, "sending": 0}
         (["station", "--id", "1", "--set", "t_decide=x"], "t_decide must be an integer"),
         (["station", "--id", "1", "--codec", "xml"], "xml"),
         (["station", "--id", "1", "--via", "nowhere"], "HOST:PORT"),
-        (["link", "relay", "--delay", "9:1"], "MIN:MAX"),
+        (["link", "relay", "--delay", "9:1"], "MIN exceeds MAX in 9:1"),
         (["link", "relay", "--port", "70000"], "port"),
         (["station", "--id", "1", "--zero", "nan"], "zero"),
         (["station", "--id", "1", "--zero", "1e12"], "zero"),
