@@ -94,7 +94,7 @@ def three(offsets_ms: dict[int, int], until: int = 8000) -> tuple[Simulation, di
 def test_app_6_who_is_out_of_step_did_not_answer(
     offset_ms: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.WARNING, "automcm.service"):
         simulation, asked = three({2: offset_ms})
     (choice,) = asked[1].choices
     assert set(choice.planned) == {3} and choice.heard is not None
