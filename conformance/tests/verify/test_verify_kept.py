@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -118,18 +117,6 @@ def test_the_quick_profile_proves_only_if_the_committed_result_is_of_other_files
     report = verify_.run(profile)
     assert report.ok and line in shown(report).splitlines()
     assert ("proof" in report.seconds) == (line == NOW)
-
-
-def test_a_process_of_the_comparison_keeps_nothing_open_of_another_thread() -> None:
-    """A lock that it kept would stop TLC in all threads until the comparison ends: for ever, if
-    the comparison waits for TLC."""
-    ours, theirs = os.pipe()
-    os.set_blocking(ours, False)
-    with verify_._pool(1) as pool:
-        pool.submit(os.getpid).result()
-        os.close(theirs)
-        assert os.read(ours, 1) == b""  # BlockingIOError if another process has it open
-    os.close(ours)
 
 
 @pytest.mark.usefixtures("stages")

@@ -11,11 +11,10 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -154,8 +153,7 @@ def _results(
     if workers <= 1:
         yield from ((values, run(values)) for values in missing)
         return
-    start = children.end_with_parent
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start) as pool:
+    with children.pool(workers) as pool:
         running = {pool.submit(run, values): values for values in missing}
         broken = set()
         try:

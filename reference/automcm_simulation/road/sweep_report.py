@@ -5,11 +5,9 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict
 from itertools import repeat
-from multiprocessing import get_context
 from typing import Any
 
 from automcm_simulation.road.occupancy_sweep import KINDS, SweptDrive, drive
@@ -27,9 +25,8 @@ def driven(
     with ExitStack() as stack:
         workers = min(workers or os.cpu_count() or 1, len(seeds) // FEW_DRIVES + 1)
         if workers > 1:
-            spawn = get_context("spawn")
-            pool = ProcessPoolExecutor(workers, spawn, initializer=children.end_with_parent)
-            results = stack.enter_context(pool).map(_drive, seeds, repeat(without), chunksize=10)
+            pool = stack.enter_context(children.pool(workers))
+            results = pool.map(_drive, seeds, repeat(without), chunksize=10)
         else:
             results = map(_drive, seeds, repeat(without))
         for one in results:

@@ -17,7 +17,10 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 _LAUNCHER = Path(__file__).with_name("launcher.py")
 _LINUX = sys.platform == "linux"
@@ -123,6 +126,18 @@ def opened(processes: Iterable[int]) -> dict[int, int]:
         with suppress(OSError):
             found[number] = os.pidfd_open(number)
     return found
+
+
+def pool(processes: int) -> ProcessPoolExecutor:
+    """A pool of processes that end with this one.
+
+    They are spawned, because a fork would keep the locks and pipes that another thread has just
+    opened: every later run of TLC would wait for it.
+    """
+    from concurrent.futures import ProcessPoolExecutor
+
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(processes, spawn, initializer=end_with_parent)
 
 
 def end_with_parent() -> None:

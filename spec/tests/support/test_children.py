@@ -209,3 +209,15 @@ def test_elsewhere_commands_are_as_given(monkeypatch: pytest.MonkeyPatch) -> Non
     assert children.ending_with_parent(["x"], group=True) == ["x"]
     with children.popen(["sh", "-c", "ps -o sid= -p $$"], group=True, stdout=-1) as child:
         assert int(child.stdout.read()) == child.pid
+
+
+def test_a_process_of_a_pool_keeps_nothing_open_of_another_thread() -> None:
+    """A lock that it kept would stop TLC in all threads until the pool ends: for ever, if the work
+    of the pool waits for TLC."""
+    ours, theirs = os.pipe()
+    os.set_blocking(ours, False)
+    with children.pool(1) as pool:
+        pool.submit(os.getpid).result()
+        os.close(theirs)
+        assert os.read(ours, 1) == b""  # BlockingIOError if another process has it open
+    os.close(ours)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from automcm_cli.spec import model_output
@@ -391,7 +390,7 @@ def _proof(report: VerifyReport) -> None:
 
 def _proved() -> recorded_proof.Proof:
     """In a process of its own, which shares no interpreter with the other stages."""
-    with _pool(1) as pool:
+    with children.pool(1) as pool:
         return pool.submit(recorded_proof.prove).result()
 
 
@@ -461,13 +460,6 @@ def _drift(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None])
         )
 
 
-def _pool(processes: int) -> ProcessPoolExecutor:
-    """Spawned, because a fork would keep the locks and pipes that another thread has just opened:
-    every later run of TLC would wait for it."""
-    start = children.end_with_parent
-    return ProcessPoolExecutor(processes, get_context("spawn"), initializer=start)
-
-
 def _compare(report: VerifyReport, one_peer: bytes, notify: Callable[[str], None]) -> None:
     with _timed(report, "comparison"):
         found = _kept(
@@ -485,7 +477,7 @@ def _comparisons(
 ) -> Comparisons:
     _load_reference()
     found = Comparisons()
-    with _pool(2) as pool:
+    with children.pool(2) as pool:
         notify("comparison: every state, every input")
         data = {oracle_generation.ONE_PEER.name: one_peer}
         for graph in report.graphs:
