@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -19,6 +18,7 @@ from automcm_evaluation.framework.experiment import (
     canonical,
 )
 from automcm_evaluation.traffic_experiment.traffic_cell import Scenario
+from automcm_simulation.road.simulation import unwarned
 from automcm_simulation.traffic.mover import TrafficError
 from automcm_simulation.traffic.traffic_scenario import TrafficSetting
 from automcm_simulation.traffic_scenarios.catalogue import SCENARIOS
@@ -84,6 +84,7 @@ def command(run: TrafficRun) -> str:
     )
 
 
+@unwarned()  # of lost messages
 def run(values: Values, seed: int = 0) -> Values:
     """Run ``values["scenario"]`` with ``values["seed"]``; with ``values["twice"]`` a second time.
 
@@ -92,8 +93,6 @@ def run(values: Values, seed: int = 0) -> Values:
     ``sha256`` is of the record and all logs.  Raises ExperimentError without SUMO, OSError,
     MemoryError.
     """
-    # Messages are lost on purpose: no warnings.
-    logging.getLogger("automcm.service").setLevel(logging.ERROR)
     drawn_run = drawn(values["scenario"], values["seed"])
     nothing: Values = dict.fromkeys((*SUMS, "longest_ms"), 0) | {"sha256": ""}
     nothing |= {"collisions": dict.fromkeys(COLLISIONS, 0), "command": command(drawn_run)}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from automcm.encoding.codec import JSON, Codec
@@ -17,6 +18,18 @@ from automcm_simulation.road.straight_lane import LANE_CHANGE
 from automcm_spec.support import files
 from automcm_spec.vocabulary.application import Command
 from automcm_spec.vocabulary.parameters import Parameters
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Without the services' warnings, for faults that are drawn on purpose."""
+    logger = logging.getLogger("automcm.service")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 class Simulation:

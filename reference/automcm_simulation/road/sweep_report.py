@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -11,6 +10,7 @@ from itertools import repeat
 from typing import Any
 
 from automcm_simulation.road.occupancy_sweep import KINDS, SweptDrive, drive
+from automcm_simulation.road.simulation import unwarned
 from automcm_spec.support import children
 
 FEW_DRIVES = 20
@@ -35,9 +35,8 @@ def driven(
     return found
 
 
+@unwarned()  # of clocks out of step and messages too long
 def _drive(seed: int, without: str) -> SweptDrive:
-    # Clocks out of step and messages too long are drawn on purpose: no warnings.
-    logging.getLogger("automcm.service").setLevel(logging.ERROR)
     return drive(seed, without)
 
 

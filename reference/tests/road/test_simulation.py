@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from automcm.links.simulated_radio import Channel
 from automcm.service.service import Observer
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
+from automcm_simulation.road.sweep_report import driven
 from automcm_spec.log_format import writer
 from automcm_spec.vocabulary.application import Indication
 from automcm_spec.vocabulary.parameters import Parameters
@@ -160,3 +162,11 @@ def test_a_station_id_is_added_once() -> None:
     simulation.add(1, Straight())
     with pytest.raises(ValueError, match="station_id 1 has a link"):
         simulation.add(1, Straight())
+
+
+def test_a_sweep_of_drives_leaves_the_level_of_the_services_logger(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.WARNING, "automcm.service"):
+        driven([1], "", 1, lambda text: None)
+        assert logging.getLogger("automcm.service").level == logging.WARNING
