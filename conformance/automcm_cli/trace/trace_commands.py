@@ -129,12 +129,12 @@ def replay(
             write_json(json_, verdict | {"event": error.what, "exit_code": 3})
             raise
     if write_json(json_, result.as_dict()):
-        for text in _text(result):
+        for text in _replayed(result):
             say(visible(text, limit=LONGEST))
     raise typer.Exit(result.exit_code)
 
 
-def _text(result: Replayed) -> list[str]:
+def _replayed(result: Replayed) -> list[str]:
     from automcm_traces.explain.explain import expected
 
     place = at_line(result.file, result.line)

@@ -206,7 +206,15 @@ class Explorer:
         given = f"a walk over {oracle.name} with {each.faults}"
         self.found.cases.append(
             CaseResult(
-                *(case, error.verdict, [rule] if rule else [], "MUST", given, "", "", "", ""),
+                id=case,
+                verdict=error.verdict,
+                rules=[rule] if rule else [],
+                level="MUST",
+                given=given,
+                when="",
+                then="",
+                bug="",
+                cost="",
                 reason=described.what,
                 failures=[described],
                 log=records.log_of(self._folder, case, error.steps, runner.adapter.hello),

@@ -347,8 +347,11 @@ def _between(world: World, acts: Period, target: int, departure: Moment) -> list
         ms = world.log(target).header.known.get("t_cam_loss") or DEFAULTS["t_cam_loss"]
         ahead = world.elapsed(target, departure.t_ms - ms, acts.station, 0)
         if ahead is not None:
-            times = [event.t_ms for _, event in world.log(acts.station).events]
-            first, to = (bisect_left(times, t - ahead.best) for t in (0, ms))
+            events = world.log(acts.station).events
+            first, to = (
+                bisect_left(events, t - ahead.best, key=lambda entry: entry[1].t_ms)
+                for t in (0, ms)
+            )
             when = f" in the {ms} ms before"
             found.append(_count(world, acts.station, target, first, to - 1, "CAM", when))
     if departure.cause != "stopped":
