@@ -34,8 +34,10 @@ def commands(group: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[
 
 
 WITHOUT_JSON = {
-    *("adapter", "drive", "station", "link relay"),  # they run until they are stopped
-    *("generate", "spec pages", "experiment render", "conform new", "conform report"),  # files
+    # They run until they are stopped.
+    *("adapter", "drive", "station", "link relay"),
+    # They write files.
+    *("generate", "spec pages", "experiment render", "conform new", "conform report"),
 }
 COMMANDS = dict(commands(get_command(app)))
 
