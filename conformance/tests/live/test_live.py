@@ -262,6 +262,13 @@ def test_a_case_can_be_repeated_in_virtual_time(oracle: Oracle) -> None:
         assert judged(LiveCase("too long", (), "", [expire("lease")])) is None
 
 
+def test_no_peer_has_the_id_of_the_station(oracle: Oracle) -> None:
+    live = session(oracle, World(fair))
+    live.station = live._exchange().wire.values.ids[2]
+    ids = live._exchange().wire.values.ids.values()
+    assert len({*ids}) == len(ids)
+
+
 def test_a_slow_station_fails_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*broken("sends_again_after_200_ms")) as slow:
         world = World(fair, parameters={"t_resend": 200})

@@ -20,6 +20,7 @@ from cli_stage import AUTOMCM, LIMIT_S, automcm, automcm_process
 from forked_station import automcm_popen
 
 from automcm.links.udp_link import bind
+from automcm_cli.reference import demo_command
 from automcm_simulation.road.demo_processes import Demo, DemoVehicle
 from automcm_spec.log_format.reader import read
 
@@ -90,6 +91,17 @@ def test_the_demonstration_ends_as_described(
         places.add(re.findall(own, log.read_text())[0])
     assert len(places) == len(found["vehicles"]), "each has a place of its own"
     assert found["page"] == str(logs / "page.html") and (logs / "page.html").stat().st_size > 50_000
+
+
+def test_the_way_of_each_vehicle_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = Demo(tmp_path, listen_ms=0)
+    first = demo.vehicles[0]
+    first.way, first.killed = ["ADVERTISING ADV-1", "STANDALONE ACT-3"], True
+    demo_command._summary(demo)
+    way = "ADVERTISING (ADV-1) > STANDALONE (ACT-3) > killed"
+    assert f"{first.name} (station {first.station_id}): {way}\n" in capsys.readouterr().out
 
 
 SOON_OVER = ["--maneuver", "1000"]

@@ -109,6 +109,22 @@ def test_a_slow_adapter_is_named(conform: Suite) -> None:
     assert "Note: the adapter is slow" in printed(lambda c: terminal_report.summary(found, c))
 
 
+def test_act_5_a_timer_that_runs_on_is_laid_to_the_input_that_should_arm_it_again(
+    conform: Suite,
+) -> None:
+    code = """
+last = {}
+def answer(c):
+    out = right(c)
+    if c["cmd"] == "receive" and c["message"]["type"] == "CAM":
+        out = {**out, "deadline": last["deadline"]}
+    last.update(out)
+    return out
+"""
+    found = conform(station(code), "ACT-2", states=60)
+    assert found.causes[0][0][1].rule == "ACT-5"
+
+
 @pytest.mark.slow
 def test_act_5_a_cam_that_was_due_before_has_no_new_mark(conform: Suite) -> None:
     code = """

@@ -290,6 +290,8 @@ def test_after_ctrl_c_what_was_sent_is_judged(conform: Suite) -> None:
 def answer(c):
     return {**right(c), "phase": "WAITING"} if c["cmd"] == "command" else right(c)
 """
+    before = signal.getsignal(signal.SIGINT)
     found = conform(station(code), "MUST", states=60)
     assert "interrupted" in found.notes and found.problems == []
+    assert signal.getsignal(signal.SIGINT) is before
     assert found.counts["FAIL"] >= 1 and found.exit_code == 1

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from automcm.bridge import autoware, driven_trajectory
 from automcm.bridge.driven_trajectory import own_trajectory, timed_trajectory
 from automcm.encoding.codec import FRAME_BYTES
+from automcm.kernels.convert import V_EPS
 from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.service.application import Kinematics
 from automcm_spec.vocabulary.messages import Intention, MessageError, Trajectory, encode
@@ -109,6 +110,10 @@ def test_what_cannot_be_converted(points: Any, problem: str) -> None:
         own(*points)
     with pytest.raises(MessageError, match=r"points.1.time_from_start: must be later"):
         timed_trajectory(path(*points), PLACE)
+
+
+def test_kin_1_the_slowest_speed_with_a_known_duration() -> None:
+    assert own((0, 0, V_EPS), (9, 0, 5)).points[-1][1:] == (9000, 0)
 
 
 def test_without_kinematics_nothing_is_converted() -> None:

@@ -53,6 +53,7 @@ def test_the_first_lines_say_what_is_wrong(name: str) -> None:
     verdict = verdicts_of([*paths, CORPUS / f"bad/{name}.ndjson"])[-1]
     shown = text(verdict).replace(verdict.file, "LOG").splitlines()
     assert shown[: len(FIRST[name])] == FIRST[name]
+    assert verdict.finding.at.file == verdict.file
 
 
 def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so() -> None:
