@@ -16,6 +16,7 @@ from pydantic_core import to_json
 from automcm_spec.graph.oracle import OracleAnswer
 from automcm_spec.vocabulary import wire_forms
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, RefusalReason
+from automcm_spec.vocabulary.parameters import TIMERS
 from automcm_spec.vocabulary.station import (
     Cam,
     Command,
@@ -50,6 +51,7 @@ LONG = {
 }
 """Durations of timers that need not expire. An answer reports the earliest deadline, so a timer
 that is wrongly armed again should have it."""
+LONG |= {name: 4_300_000 for name in TIMERS if name not in LONG}
 SOON_MS = 900_000
 
 

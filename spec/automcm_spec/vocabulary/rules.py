@@ -62,11 +62,6 @@ NO_GRAPH: dict[str, str] = {
 
 OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
 """Matches the definition of an operator; group 1 is its name."""
-_EXPIRED = {
-    **{name: f"On{name.capitalize()}" for name in ("resend", "decide", "hold", "forget")},
-    **{"advertise": "OnAdvertiseEnd", "giveup": "GiveUpEntry", "cam": "OnCamLoss"},
-}
-"""The operator that handles a timer, if it is not OnExpiry."""
 
 
 @cache
@@ -88,8 +83,15 @@ def handler(i: Input) -> str:
         case Command(name=name):
             return f"On{name.capitalize()}"
         case Expire(timer=timer):
-            return _EXPIRED.get(timer[0], "OnExpiry")
+            return _expired().get(timer[0], "OnExpiry")
     return f"On{i.kind.capitalize()}"
+
+
+@cache
+def _expired() -> dict[str, str]:
+    """The operator that decides the expiry of a timer, if it is not OnExpiry itself."""
+    called = re.findall(r't\[1\] = "(\w+)" +-> (On\w+)', operators()["OnExpiry"][1])
+    return dict(called) | {"giveup": "GiveUpEntry"}  # OnGiveUp only calls it
 
 
 def kind(i: Input) -> str:
