@@ -204,18 +204,15 @@ class LogStream(_Described):
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
         for line, found in self._entries:
-            match found:
-                case Notice() as notice:
-                    self._notice(line, notice)
-                    if self.gap is not None and not self._past_gaps:
-                        return
-                case End() as end:
-                    self.end = end
-                case Header():
-                    pass
-                case event:
-                    self.events += 1
-                    yield line, event
+            if isinstance(found, Notice):
+                self._notice(line, found)
+                if self.gap is not None and not self._past_gaps:
+                    return
+            elif found.rec == "event":
+                self.events += 1
+                yield line, found
+            elif found.rec == "end":
+                self.end = found
         self.complete = self.gap is None and not self.mid_session
 
     def log(self, events: Iterable[tuple[int, Event]]) -> Log:
@@ -339,7 +336,7 @@ class _Reader:
                 if not self._header and field == "rec":
                     problem += ": the first line must be a header of automcm.trace/1"
                 raise self._error(field, problem, "schema" if field else "json") from None
-            first = self._seq == 0 and not isinstance(record, End | Header)
+            first = self._seq == 0 and record.rec == "event"
             if missing := self._check(record):
                 kind: Literal["begins_late", "gap"] = "begins_late" if first else "gap"
                 yield self._line, Notice(kind, f"seq: {missing}")
@@ -351,18 +348,18 @@ class _Reader:
     def _check(self, record: Record | UnknownEvent) -> str:
         """Reject a record that does not fit the previous ones; returns a description of missing
         records."""
-        if isinstance(record, Header) == self._header:
+        if (record.rec == "header") == self._header:
             problem = "a second header" if self._header else "the first line must be the header"
-            if isinstance(record, Header):
+            if self._header:
                 problem += ": a file contains one log"
             raise self._error("rec", problem, "order")
         if self._end:
             raise self._error("rec", "a record after the end", "order")
-        if isinstance(record, Header):
+        if record.rec == "header":
             self._header = True
             self._running = record.begins is not None
             return ""
-        if isinstance(record, End):
+        if record.rec == "end":
             gap = self._gap(record.seq, self._seq, "but the last event has")
             self._end = True
             return gap

@@ -184,6 +184,10 @@ class Engine:
     def feed(self, at: int, event: Event) -> None:
         """Check the next event. Raises Diverges, CannotTell."""
         match event:
+            case Receive() | ApplicationCommand() | TimerEnd(op="expire"):
+                self.finish()
+                self._missed(at, event.t_ms, event)
+                self._input(at, event)
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
                 self._missed(at, event.t_ms)
@@ -192,16 +196,12 @@ class Engine:
                 return
             case Send(message=message):
                 self._sent(at, event.t_ms, message)
-            case TimerArm() | TimerEnd(op="stop"):
+            case TimerArm() | TimerEnd():
                 self._timer_changed(at, event)
             case ApplicationIndication():
                 self._indicated(at, event)
             case Restart():  # timers that were due before are lost (END-8)
                 self.finish()
-                self._input(at, event)
-            case _:
-                self.finish()
-                self._missed(at, event.t_ms, event)
                 self._input(at, event)
         if not (isinstance(event, Receive) and event.is_cam):
             self.since_ms = event.t_ms

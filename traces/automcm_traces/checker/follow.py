@@ -78,6 +78,8 @@ class Check:
         one: bool = False,
     ) -> None:
         self.log, self._watchers, self._one = log, watchers, one
+        self._of_events = [w.event for w in watchers if type(w).event is not Watcher.event]
+        self._of_steps = [w.step for w in watchers if type(w).step is not Watcher.step]
         self._start = LogStart(log.header, late_ms)
         header = log.header
         self.unpromised = tuple(kind for kind in NEEDED if kind not in header.complete)
@@ -160,8 +162,8 @@ class Check:
         except (Diverges, CannotTell) as error:
             self._refused(error)
             return
-        for watcher in self._watchers:
-            watcher.event(at, event, engine)
+        for watch in self._of_events:
+            watch(at, event, engine)
 
     def end(self) -> None:
         """Take note that the log has no further event."""
@@ -198,8 +200,8 @@ class Check:
         self.decided = not self.over
 
     def _step(self, step: InputStep, track: Track) -> None:
-        for watcher in self._watchers:
-            watcher.step(step, track)
+        for watch in self._of_steps:
+            watch(step, track)
 
     def _refused(self, error: Diverges | CannotTell) -> None:
         if isinstance(error, CannotTell):

@@ -72,8 +72,8 @@ class Hints(Watcher):
             if event.planned is None and (session := _advertised(event)) is not None:
                 kept = list(self._not_planned.items())[1 - KEPT :]
                 self._not_planned = dict([*kept, (session, event)])
-        begins = opens(event) or isinstance(event, Restart) or shows_standalone(event)
-        self._begun = self._begun or begins
+        if not self._begun:
+            self._begun = opens(event) or isinstance(event, Restart) or shows_standalone(event)
 
     def _time(self, t_ms: int) -> None:
         gap = t_ms - self._last_ms
