@@ -13,12 +13,29 @@ from typing import Any
 from automcm.links.simulated_radio import Channel, Radio
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
+from automcm_spec.log_format.log import Receive
 from automcm_spec.log_format.reader import Log, read
 from automcm_spec.vocabulary.messages import BROADCAST, decode
 from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.system.event_order import Node
+from automcm_traces.system.log_merge import Merged
+from automcm_traces.system.matching import Ledger, Match, Matches
 
 Drop = Callable[[int, int, Any, int], bool]
 """Whether a copy from a station to a station, of a message, at a time, is lost."""
+
+
+def matches_of(merged: Merged) -> dict[Node, Match]:
+    """The transmission of each reception."""
+    matches = Matches([Ledger.of(log) for log in merged.logs])
+    return {
+        (i, k): match
+        for i, log in enumerate(merged.logs)
+        for n, k in enumerate(
+            k for k, (_, e) in enumerate(log.events) if isinstance(e, Receive) and e.message
+        )
+        if (match := matches.match(i, n)) is not None
+    }
 
 
 @dataclass

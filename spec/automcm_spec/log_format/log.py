@@ -429,6 +429,8 @@ _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebui
 """Not prebuilt, because a prebuilt validator would include the checks of the classes."""
 
 
+_FREE: Final = {ApplicationCommand: "command", ApplicationIndication: "indication"}
+"""The parts of events that may have any field."""
 _GIVEN: Final = set[str]()
 """Shared by all events. Pydantic's own set of given fields is never read, and takes a third of the
 memory of a log."""
@@ -436,14 +438,16 @@ memory of a log."""
 
 def record(line: bytes) -> Record:
     """One line, validated as by RECORD, in about half the time: only lines that may contain nulls
-    or vendor fields (a key may be written with \\u), and lines that are rejected, are checked for
-    these."""
-    if b"null" not in line and b'"x_' not in line and b"\\u" not in line:
+    or vendor fields, and lines that are rejected, are checked for these."""
+    if b"null" not in line:
         try:
             found: Record = _QUICK.validate_json(line)
         except ValidationError:
             return RECORD.validate_json(line)
         object.__setattr__(found, "__pydantic_fields_set__", _GIVEN)
+        free = _FREE.get(type(found))
+        if free and any(key.startswith("x_") for key in getattr(found, free).model_extra or {}):
+            return RECORD.validate_json(line)
         return found
     return RECORD.validate_json(line)
 

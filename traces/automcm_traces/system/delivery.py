@@ -6,12 +6,13 @@ import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.vocabulary.messages import Fields, same
 from automcm_traces.checker.finding import Finding, Where
 from automcm_traces.system.event_order import Node
-from automcm_traces.system.fates import ANYONE, FATES, Arrow, Fate, addressees
+from automcm_traces.system.fates import ANYONE, FATES, Fate, addressees
 from automcm_traces.system.log_merge import Merged, sends
 
 
@@ -39,16 +40,17 @@ class Deliveries:
         each other station with a log."""
         self.forged = [_forged(merged, node) for node in merged.forged]
         """Received messages that nobody can have sent."""
-        ways: dict[tuple[Node | None, int], list[Arrow]] = defaultdict(list)
-        for found in merged.arrows.values():
-            for arrow in found:
-                ways[arrow.leaves, arrow.to].append(arrow)
+        fates: dict[tuple[Node | None, int], Fate] = {}
+        came = Counter[tuple[Node | None, int]]()
+        for arrow in chain.from_iterable(merged.arrows.values()):
+            way = arrow.leaves, arrow.to
+            fates.setdefault(way, arrow.fate)
+            came[way] += arrow.fate != "rejected" and arrow.arrives is not None
         for node, sent in sends(merged):
             for to in addressees(merged.stations[node[0]], sent.message, merged.stations):
-                arrows = ways[node, to]
-                came = [a.arrives for a in arrows if a.fate != "rejected" and a.arrives is not None]
-                self.outcomes[node, to] = (
-                    "duplicated" if came[1:] else "delivered" if came else arrows[0].fate
+                way = node, to
+                self.outcomes[way] = (
+                    "duplicated" if came[way] > 1 else "delivered" if came[way] else fates[way]
                 )
 
     def counts(self) -> dict[str, dict[str, int]]:

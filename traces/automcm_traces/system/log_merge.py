@@ -17,7 +17,7 @@ from automcm_spec.log_format.reader import Log
 from automcm_traces.system.event_order import Head, Node, ordered
 from automcm_traces.system.fates import Arrow, Fates, head
 from automcm_traces.system.log_clocks import Clocks
-from automcm_traces.system.matching import Ledger, Match, Matches
+from automcm_traces.system.matching import Ledger, Matches
 
 
 class MergeError(Exception):
@@ -26,14 +26,12 @@ class MergeError(Exception):
 
 @dataclass(slots=True)
 class Merged:
-    """The logs of one run, sorted by station, and the matches between them."""
+    """The logs of one run, sorted by station, and the messages between them."""
 
     logs: tuple[Log, ...]
     stations: list[int]
     """The stations of the logs, in order."""
     clocks: Clocks
-    matches: dict[Node, Match] = field(default_factory=dict)
-    """The transmission of each reception."""
     arrows: dict[Node, tuple[Arrow, ...]] = field(default_factory=dict)
     """The messages that arrive at an event, or leave there and arrive nowhere."""
     forged: dict[Node, str] = field(default_factory=dict)
@@ -72,7 +70,8 @@ class Merged:
     def feed(self, i: int) -> Iterator[Head[Node]]:
         """The events of a log, as ``ordered`` takes them."""
         for k, (_, event) in enumerate(self.logs[i].events):
-            yield head((i, k), (i, k), event, self.arrows.get((i, k), ()))
+            node = i, k
+            yield head(node, node, event, self.arrows.get(node, ()))
 
     def _known(self, node: Node) -> tuple[int, ...]:
         """For each log, the number of its events that this event depends on."""
@@ -84,25 +83,25 @@ class Merged:
         """Note the fate of each message."""
         fates = Fates(matches)
         for i, log in enumerate(self.logs):
-            received = 0
             for k, (_, event) in enumerate(log.events):
-                if arrows := fates.arrows((i, k), event):
-                    self.arrows[i, k] = arrows
-                if isinstance(event, Receive) and event.message is not None:
-                    if (match := matches.match(i, received)) is not None:
-                        self.matches[i, k] = match
-                    received += 1
+                node = i, k
+                if arrows := fates.arrows(node, event):
+                    self.arrows[node] = arrows
         self.forged = fates.forged
 
-    def _line_up(self) -> None:
+    def _line_up(self, matches: Matches) -> None:
         """Order the events, and record the events of other stations that each depends on."""
         feeds = [self.feed(i) for i in range(len(self.logs))]
         self._past = [([], []) for _ in self.logs]
-        at = [0] * len(self.logs)
+        at, received = [0] * len(self.logs), [0] * len(self.logs)
         for (node,) in ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
             self.order.append(node)
             at[node[0]] += 1
-            match = self.matches.get(node)
+            event = self.event(node)
+            if not isinstance(event, Receive) or event.message is None:
+                continue
+            match = matches.match(node[0], received[node[0]])
+            received[node[0]] += 1
             if match is None or at[match.first[0]] <= match.first[1]:
                 continue  # it depends on no other, or is part of a cycle
             pairs = zip(self._known(node), self._known(match.first), strict=True)
@@ -146,7 +145,7 @@ def merge(logs: Sequence[Log]) -> Merged:
             "content, so of equal copies the latest that was sent before counts as received"
         )
     merged._link(matches)
-    merged._line_up()
+    merged._line_up(matches)
     return merged
 
 

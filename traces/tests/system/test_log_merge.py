@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, later, plain, records, rewritten, without_tx
+from merged_runs import Run, later, matches_of, plain, records, rewritten, without_tx
 
 from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Receive, Send
@@ -35,8 +35,9 @@ def test_every_event_comes_once_each_after_what_it_depends_on(logs: list[Log]) -
     place = {node: n for n, node in enumerate(merged.order)}
     for i, log in enumerate(logs):
         assert [k for j, k in merged.order if j == i] == list(range(len(log.events)))
-    assert len(merged.matches) > 200 and not merged.cycles
-    for node, match in merged.matches.items():
+    matches = matches_of(merged)
+    assert len(matches) > 200 and not merged.cycles
+    for node, match in matches.items():
         sent, got = merged.event(match.sent), merged.event(node)
         assert isinstance(sent, Send) and isinstance(got, Receive) and sent.tx == got.tx
         assert place[match.sent] < place[node] and merged.before(match.sent, node)
@@ -50,6 +51,7 @@ def test_the_order_does_not_depend_on_that_of_the_files(logs: list[Log]) -> None
 def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
     """Held against a search backwards through the messages, for a sample of pairs."""
     merged = merge(logs)
+    matches = matches_of(merged)
 
     def reached(b: tuple[int, int]) -> set[tuple[int, int]]:
         known, todo = set(), [b]
@@ -59,8 +61,8 @@ def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
                 continue
             known.add((i, k))
             todo.append((i, k - 1))
-            if (i, k) in merged.matches:
-                todo.append(merged.matches[i, k].first)
+            if (i, k) in matches:
+                todo.append(matches[i, k].first)
         return known
 
     nodes = merged.order[::47]
@@ -113,16 +115,17 @@ def test_without_transmission_ids_content_and_time_decide(tmp_path: Path) -> Non
     run = Run(tmp_path, channel=Channel(loss=0.3, duplicate=0.2))
     named = merge(run.logs())
     merged = merge([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
-    assert merged.matches.keys() == named.matches.keys() and not merged.cycles
-    assert len(merged.notices) == 1 and str(len(merged.matches)) in merged.notices[0]
-    later = [node for node, match in merged.matches.items() if match.first != match.sent]
+    sure, matches = matches_of(named), matches_of(merged)
+    assert matches.keys() == sure.keys() and not merged.cycles
+    assert len(merged.notices) == 1 and str(len(matches)) in merged.notices[0]
+    later = [node for node, match in matches.items() if match.first != match.sent]
     assert len(later) > 10
     place = {node: n for n, node in enumerate(merged.order)}
-    for node, match in merged.matches.items():
+    for node, match in matches.items():
         assert match.first <= match.sent and place[match.sent] < place[node]
         took = merged.event(node).t_ms - merged.event(match.sent).t_ms
         assert took <= 50, "no copy takes longer"
-        assert match.sent >= named.matches[node].sent
+        assert match.sent >= sure[node].sent
 
 
 def test_the_clocks_of_one_simulation_are_shown_to_be_nearly_the_same(logs: list[Log]) -> None:
