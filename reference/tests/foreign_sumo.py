@@ -58,7 +58,7 @@ def a_lane_change_at_once_makes_it_brake_hard_but_not_stop() -> None:
 
 
 def the_cells_of_the_experiment_have_no_gain() -> None:
-    settings = arrival.ArrivalSetting(trials=3, draws=1)
+    settings = arrival.Settings(trials=3, draws=1)
     cells = [Cell(v, arrival.run(v, 1)) for v in arrival.cells(settings) if v["part"] == "sumo"]
     for speed_kmh in FREE_S:
         here = {c.values["how"]: c.result for c in chosen(cells, speed_kmh=speed_kmh)}

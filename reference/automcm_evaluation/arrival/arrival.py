@@ -22,7 +22,7 @@ from automcm_evaluation.arrival import sumo
 from automcm_evaluation.arrival.arrival_tables import SPEEDS_KMH
 from automcm_evaluation.framework.experiment import (
     ExperimentError,
-    Settings,
+    ExperimentSettings,
     Values,
     blocks,
     columns,
@@ -31,6 +31,7 @@ from automcm_evaluation.framework.experiment import (
 from automcm_simulation.road.drive import FourVehicles, arrival_s
 from automcm_simulation.road.simulation import Simulation
 
+TITLE = "Arrival with coordination and without (VI-B, Fig. 8)"
 BLOCK = 10
 """Number of trials in one cell."""
 TOO_LATE = 10
@@ -53,7 +54,7 @@ Draw = tuple[float, float]
 """A trial's start: how far ahead the prescriber starts, and the distance before its signal, m."""
 
 
-class ArrivalSetting(Settings):
+class Settings(ExperimentSettings):
     """Settings in SI units; distances are from the receiver's start, or centre to centre."""
 
     trials: int = Field(default=100, ge=2, le=1000)
@@ -98,7 +99,7 @@ class ArrivalSetting(Settings):
         }
 
 
-def cells(settings: ArrivalSetting) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """The cells.  Those of SUMO come first, so that a missing SUMO is reported at once."""
     all_ = settings.model_dump(mode="json")
     places = {name: all_[name] for name in PLACES}
@@ -251,7 +252,3 @@ def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed:
         "after": round(max([0.0, *(-s.acceleration for s in samples if s.t >= begun)]), 3),
         "completed": int(any(kind == "Fin" for _, _, kind in driven.sent)),
     }
-
-
-TITLE = "Arrival with coordination and without (VI-B, Fig. 8)"
-SETTINGS = ArrivalSetting

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
 from automcm_evaluation.arrival.arrival_tables import NEAR_S, PAPER, SPEEDS_KMH
 from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLOURS = {"with": "tab:blue", "without": "tab:orange"}
 FRAME = {"boxstyle": "round,pad=0.25", "fill": False, "edgecolor": "tab:red", "linewidth": 1.5}
 
 
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> drawing.NamedFigures:
     """Fig. 8, and the gain over two parameters of the baseline."""
     yield "arrival", _arrival(report)
     yield "baseline", _grid(report)
 
 
-def _arrival(report: Values) -> Figure:
+def _arrival(report: Values) -> drawing.Figure:
     figure, plots = drawing.plots(2, 1, height=6)
     for plot, speed_kmh, letter in zip(plots, SPEEDS_KMH, "ab", strict=True):
         cells = [
@@ -45,7 +39,7 @@ def _arrival(report: Values) -> Figure:
     return figure
 
 
-def _grid(report: Values) -> Figure:
+def _grid(report: Values) -> drawing.Figure:
     figure, plots = drawing.plots(1, 2, height=3.8)
     grids, used = report["summary"]["grid"], report["settings"]
     brakes = {point["brake"] for point in grids[str(SPEEDS_KMH[0])]}

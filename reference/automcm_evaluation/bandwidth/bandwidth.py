@@ -14,10 +14,11 @@ from pydantic import Field
 from automcm_evaluation.bandwidth import message_sizes as sizes
 from automcm_evaluation.bandwidth.bandwidth_air import POINTS, measured, over_time, record, session
 from automcm_evaluation.bandwidth.bandwidth_tables import MARKED, SPARSE_CAM_MS
-from automcm_evaluation.framework.experiment import Settings, Values, blocks, grid
+from automcm_evaluation.framework.experiment import ExperimentSettings, Values, blocks, grid
 from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
+TITLE = "Bytes on the air, event-driven and always on (Fig. 7)"
 LOSSLESS = 2
 """Drives without loss, which differ only in delays."""
 BLOCK = 5
@@ -27,7 +28,7 @@ IN_SERIES, SERIES_GAP_M = 3, 60.0
 that each finds its receiver still beside it."""
 
 
-class Bandwidth(Settings):
+class Settings(ExperimentSettings):
     """Drives of the paper's two and four vehicles, and of more."""
 
     trials: int = Field(default=2, ge=1, le=1000)
@@ -40,7 +41,7 @@ class Bandwidth(Settings):
     """By several prescribers one after another."""
 
 
-def cells(settings: Bandwidth) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """Sizes; drives of two and four; drives of more; several lane changes in one drive."""
     found: list[Values] = [{"part": "sizes"}, {"part": "series", "maneuvers": settings.maneuvers}]
     for vehicles in (2, 4):
@@ -107,7 +108,3 @@ def _drives(values: Values, seeds: Sequence[int]) -> Values:
         (_, first, _), (_, second, _) = planned.points[:2]
         found["planned"] = {"points": len(planned.points), "apart_m": (second - first) / 1000}
     return found
-
-
-TITLE = "Bytes on the air, event-driven and always on (Fig. 7)"
-SETTINGS = Bandwidth

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from automcm_evaluation.bandwidth.bandwidth_air import CODECS
 from automcm_evaluation.bandwidth.bandwidth_tables import ALWAYS, CASES, COLOURS
 from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> drawing.NamedFigures:
     """Fig. 7 in each codec, and the scaling."""
     s = report["summary"]
     for name in CODECS:
@@ -24,7 +20,7 @@ def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     yield "scaling", _scaled(s)
 
 
-def _fig_7(s: Values, name: str) -> Figure:
+def _fig_7(s: Values, name: str) -> drawing.Figure:
     figure, plots = drawing.plots(2, height=6.5)
     for plot, n, letter in zip(plots, ("2", "4"), "ab", strict=True):
         _stacked(plot, s["time"][n][name], s["bin_ms"] / 1000)
@@ -39,7 +35,7 @@ def _fig_7(s: Values, name: str) -> Figure:
     return figure
 
 
-def _stacked(plot: Axes, time: Values, width: float) -> None:
+def _stacked(plot: drawing.Axes, time: Values, width: float) -> None:
     number = len(time[ALWAYS])
     left = [width * n for n in range(number)]
     below = [0.0] * number
@@ -55,7 +51,7 @@ def _stacked(plot: Axes, time: Values, width: float) -> None:
     plot.set_xlim(0, edges[-1])
 
 
-def _scaled(s: Values) -> Figure:
+def _scaled(s: Values) -> drawing.Figure:
     figure, plots = drawing.plots(1, 2, height=4.2)
     usual = min(each["participants"] for each in s["many"])
     many = [each for each in s["many"] if each["participants"] == usual]
@@ -84,7 +80,7 @@ def _scaled(s: Values) -> Figure:
 
 
 def _line(
-    plot: Axes, name: str, rows: Sequence[Values], case: str, style: str, **more: Any
+    plot: drawing.Axes, name: str, rows: Sequence[Values], case: str, style: str, **more: Any
 ) -> None:
     shares = [100 * each["channel"][name][case] for each in rows]
     plot.plot([each["vehicles"] for each in rows], shares, style, **more)

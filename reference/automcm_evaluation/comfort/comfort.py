@@ -18,10 +18,11 @@ from automcm_evaluation.comfort import comfort_courses as courses
 from automcm_evaluation.comfort import comfort_tables
 from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
 from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, Tracks, distance
-from automcm_evaluation.framework.experiment import Settings, Values, grid
+from automcm_evaluation.framework.experiment import ExperimentSettings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
 
+TITLE = "Speeds and comfort (Fig. 6, III-D)"
 DRAWN_STEPS = 5
 """Fig. 6 is drawn from every fifth step of the road."""
 DRAWN_S = 25.0
@@ -29,7 +30,7 @@ DRAWN_S = 25.0
 Speed = Annotated[int, Field(ge=25, le=80)]
 
 
-class Comfort(Settings):
+class Settings(ExperimentSettings):
     """Settings in SI units, except for names with km/h or ms."""
 
     speeds_kmh: tuple[Speed, ...] = Field(default=(30, 50), min_length=1)
@@ -55,7 +56,7 @@ class Comfort(Settings):
     """Gain of an open-ended prescription, to be ended by a Fin; assumed."""
 
 
-def cells(settings: Comfort) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """Fig. 6 at each speed, and all courses with faults in one stage at one speed."""
     all_ = settings.model_dump(mode="json")
     speeds, faults_kmh, trials = (all_.pop(name) for name in ("speeds_kmh", "faults_kmh", "trials"))
@@ -163,7 +164,3 @@ def fig6(setting: ComfortSetting) -> Values:
         },
         "c_gap_m": round(gap, 2),
     }
-
-
-TITLE = "Speeds and comfort (Fig. 6, III-D)"
-SETTINGS = Comfort

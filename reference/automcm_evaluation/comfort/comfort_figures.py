@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
 from automcm_evaluation.comfort.comfort_courses import COURSES
 from automcm_evaluation.comfort.comfort_tables import PLAIN, TITLES, WITHOUT
 from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures as drawing
 from automcm_simulation.road.drive import NAMES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 STYLES = {
     1: ("tab:red", "-"),
@@ -23,13 +16,13 @@ STYLES = {
 }
 
 
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> drawing.NamedFigures:
     """Fig. 6, and costs by course."""
     yield "fig6", _speeds(report["summary"]["fig6"])
     yield "costs", _bars(report["summary"]["all"])
 
 
-def _speeds(fig6: Values) -> Figure:
+def _speeds(fig6: Values) -> drawing.Figure:
     figure, plots = drawing.plots(len(fig6), 1, height=3.2 * len(fig6) + 0.5)
     for plot, (speed, of) in zip(plots, fig6.items(), strict=True):
         for n, name in NAMES.items():
@@ -44,7 +37,7 @@ def _speeds(fig6: Values) -> Figure:
     return figure
 
 
-def _bars(all_: Values) -> Figure:
+def _bars(all_: Values) -> drawing.Figure:
     figure, plots = drawing.plots(1, 3, height=6.5)
     names = [*(n for n in PLAIN), *COURSES]
     places = {name: len(names) - n for n, name in enumerate(names)}
@@ -61,7 +54,7 @@ def _bars(all_: Values) -> Figure:
     return figure
 
 
-def _with_and_without(plot: Axes, all_: Values, places: dict[str, int], what: str) -> None:
+def _with_and_without(plot: drawing.Axes, all_: Values, places: dict[str, int], what: str) -> None:
     plain = [name for name in places if name in PLAIN]
     for shift, names, suffix, colour, label in (
         (0.0, plain, "", "0.55", "no fault"),

@@ -6,21 +6,19 @@ import json
 import sys
 import tomllib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from automcm_evaluation.framework import claims
 from automcm_evaluation.framework.claims import Claim
 from automcm_evaluation.framework.intervals import wilson
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from automcm_simulation.road.figures import NamedFigures
 
 Json = Any
 Values = dict[str, Json]
@@ -34,7 +32,7 @@ class ExperimentError(ValueError):
     """An impossible setting, or unusable results; the text names them."""
 
 
-class Settings(BaseModel):
+class ExperimentSettings(BaseModel):
     """The settings of an experiment.  Each field has a range, and a value in each profile."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -71,23 +69,23 @@ class Experiment:
 
     name: str
     title: str
-    settings: type[Settings]
+    settings: type[ExperimentSettings]
     cells: Callable[[Any], list[Values]]
     run: Callable[[Values, int], Values]
     summary: Callable[[Sequence[Cell]], Values]
     names: Callable[[Values], Values]
     """What the page and the claims use, besides ``names_of``.  The constants of its module are
     names, too, in lower case; figures are named FIGURE.svg."""
-    figures: Callable[[Values], Iterator[tuple[str, Figure]]]
-    """Name and drawing of each figure; only called if matplotlib is installed."""
+    figures: Callable[[Values], NamedFigures]
+    """Only called if matplotlib is installed."""
 
     @property
-    def profiles(self) -> dict[str, Settings]:
+    def profiles(self) -> dict[str, ExperimentSettings]:
         """The settings of each profile, from pages/profiles.toml."""
         given = data("profiles")[self.name]
         return {profile: self.settings.model_validate(of) for profile, of in given.items()}
 
-    def set(self, profile: str, changes: Mapping[str, Json]) -> Settings:
+    def set(self, profile: str, changes: Mapping[str, Json]) -> ExperimentSettings:
         """The settings of a profile, with some of them changed.
 
         Raises ExperimentError, which names the setting, its value and its range.

@@ -10,11 +10,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import Json, Settings, Values, blocks, grid
+from automcm_evaluation.arrival import arrival
+from automcm_evaluation.framework.experiment import ExperimentSettings, Json, Values, blocks, grid
 from automcm_evaluation.loss import loss_road, loss_sessions, loss_udp
 from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS
 
+TITLE = "Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)"
 BLOCK, ROAD_BLOCK = 2500, 20
 """Numbers of sessions and of drives in one cell."""
 Percent = Annotated[int, Field(ge=0, le=100)]
@@ -22,11 +23,11 @@ TENS = tuple(range(0, 101, 10))
 FINE = {0: range(0, 31, 2), 1000: range(50, 91, 2), 2000: range(60, 101, 2)}
 """For each t_timeout, the losses around the knees, %."""
 UDP = (0, 30, 60)
-PLACE = ArrivalSetting()
+PLACE = arrival.Settings()
 """Start and signal as in ``arrival``, so that the best class of Fig. 9 is the paper's."""
 
 
-class Loss(Settings):
+class Settings(ExperimentSettings):
     """Settings; losses in per cent, times in ms."""
 
     road: int = Field(default=60, ge=1, le=1000)
@@ -53,7 +54,7 @@ class Loss(Settings):
     """The paper's."""
 
 
-def cells(settings: Loss) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """The longest first."""
     s, found = settings, list[Values]()
     place = PLACE.drawn_from | {"target_m": s.target_m}
@@ -88,7 +89,3 @@ def run(values: Values, seed: int) -> Values:
                 values["t_timeout"], values["loss"] / 100, values["trials"], seed
             )
     return loss_sessions.block(values, seed)
-
-
-TITLE = "Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)"
-SETTINGS = Loss

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.loss.loss_tables import CLASSES, MODELS, NAMES, PAPER_KNEES, T_TIMEOUTS
 from automcm_simulation.road import figures
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SHADES = ("#1b7837", "#a6dba0", "#fdb863", "#b2182b")
 COLOURS = {0: "#b2182b", 1000: "#e08214", 2000: "#2166ac"}
 STYLES = {"eq2": ":", "three_exchanges": "--", "four_messages": "-"}
 
 
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> figures.NamedFigures:
     """The counterpart of Fig. 9, the agreement with its models, and the costs."""
     s = report["summary"]
     for name, label, height, columns, table, draw in (
@@ -49,7 +44,7 @@ def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     yield "cost", figure
 
 
-def _stacked(plot: Axes, rows: Sequence[Values], t: int) -> None:
+def _stacked(plot: figures.Axes, rows: Sequence[Values], t: int) -> None:
     below = [0.0] * len(rows)
     for k, name in enumerate(CLASSES):
         shares = [100 * r["classes"][k] / r["trials"] for r in rows]
@@ -58,7 +53,7 @@ def _stacked(plot: Axes, rows: Sequence[Values], t: int) -> None:
     plot.axvline(PAPER_KNEES[t], color="black", linestyle=":", linewidth=1)
 
 
-def _measured(plot: Axes, points: Sequence[Values], t: int) -> None:
+def _measured(plot: figures.Axes, points: Sequence[Values], t: int) -> None:
     label = "measured, 95 % interval"
     figures.shares(plot, "loss", points, label=label, markersize=4, color=COLOURS[t])
     for name, style in STYLES.items():

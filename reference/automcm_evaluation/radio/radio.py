@@ -9,22 +9,23 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from automcm_evaluation.arrival.arrival import ArrivalSetting
-from automcm_evaluation.framework.experiment import Settings, Values, blocks, grid
+from automcm_evaluation.arrival import arrival
+from automcm_evaluation.framework.experiment import ExperimentSettings, Values, blocks, grid
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS
 from automcm_evaluation.radio import radio_crowd, radio_sessions
 from automcm_evaluation.radio.radio_traffic import measured, ns3_measured, pooled
 from automcm_simulation.radio.table_radio import TableRadio
 
+TITLE = "The paper's loss figures over a radio channel"
 BLOCK = 50
 """Sessions in one cell."""
-PLACE = ArrivalSetting()
+PLACE = arrival.Settings()
 """Start, signal and target as for Fig. 8."""
 Metres = Annotated[int, Field(ge=1, le=1000)]
 Share = Annotated[float, Field(ge=0, le=2)]
 
 
-class Over(Settings):
+class Settings(ExperimentSettings):
     """Settings; distances in m, loads as shares of airtime, times in ms."""
 
     fit_seeds: int = Field(default=2, ge=1, le=100)
@@ -43,7 +44,7 @@ class Over(Settings):
     """CAMs in JSON, and about the size of signed ones."""
 
 
-def cells(settings: Over) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """The longest first."""
     s = settings
     crowds = sorted(s.crowds, reverse=True)
@@ -80,7 +81,3 @@ def _fit(values: Values, seed: int) -> Values:
         parts.append(measured(own, traffic))
     found: dict[str, Any] = pooled(parts).model_dump(mode="json")
     return {"busy": found["busy"], "rows": found["rows"]}
-
-
-TITLE = "The paper's loss figures over a radio channel"
-SETTINGS = Over

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
 from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road import figures
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> figures.NamedFigures:
     """The fit, and the sessions."""
     s = report["summary"]
     figure, axes = figures.plots(1, 2, height=3.8)

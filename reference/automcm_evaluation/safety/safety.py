@@ -16,7 +16,7 @@ from typing import Annotated
 from pydantic import Field
 
 from automcm.links.simulated_radio import Channel
-from automcm_evaluation.framework.experiment import Settings, Values, grid
+from automcm_evaluation.framework.experiment import ExperimentSettings, Values, grid
 from automcm_evaluation.safety import safety_road
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
 from automcm_evaluation.safety.faults import KINDS, Injected, Roles, drawn, inject
@@ -24,6 +24,7 @@ from automcm_simulation.road.hazard_measures import Watched, bound_ms, met
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.parameters import Parameters
 
+TITLE = "Hazards under random faults"
 ROLES = Roles(prescriber=1001, target=2002, second=3003)
 REQUEST_MS = 500
 WINDOW_MS = (REQUEST_MS, 13_000)
@@ -44,7 +45,7 @@ CLASSES = ("cut both ways", "cut forth", "cut back", "target aborts", "target re
 CLASS_ABLATIONS = (WHOLE.name, "silent CAM-loss fallback", "plain CAMs count")
 
 
-class Safety(Settings):
+class Settings(ExperimentSettings):
     """The numbers of simulated maneuvers."""
 
     drives: int = Field(60, ge=1, le=10_000)
@@ -64,7 +65,7 @@ class Safety(Settings):
     """The longest delay of a copy, D; T-2 supposes less than half of t_resend."""
 
 
-def cells(settings: Safety) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """The parts: faults by loss, mechanisms, fault classes, and the road."""
     s = settings
     found = grid(part="faults", fault=(NOTHING, *KINDS, SEVERAL), loss=LOSSES, drives=s.drives)
@@ -204,7 +205,3 @@ def together(outcomes: Sequence[Values], seeds: Sequence[int], b: int) -> Values
     counted = [name for name in outcomes[0] if name != "hazards"]
     counts = {name: sum(each[name] for each in outcomes) for name in counted}
     return met(seeds, [each["hazards"] for each in outcomes], b) | counts
-
-
-TITLE = "Hazards under random faults"
-SETTINGS = Safety

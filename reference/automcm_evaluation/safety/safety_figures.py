@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
 from automcm_evaluation.framework.experiment import Cell, Values
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.safety.safety_tables import lengths
 from automcm_simulation.road import figures as drawing
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> drawing.NamedFigures:
     """Lengths of hazards, mechanisms, and room on the road."""
     yield "hazards", _hazards(report)
     yield "mechanisms", _mechanism_bars(report["summary"])
     yield "room", _room(report)
 
 
-def _hazards(report: Values) -> Figure:
+def _hazards(report: Values) -> drawing.Figure:
     figure, (plot,) = drawing.plots()
     b = report["summary"]["bound_ms"]
     cells = [Cell(c["values"], c["result"]) for c in report["cells"]]
@@ -49,7 +43,7 @@ def _hazards(report: Values) -> Figure:
     return figure
 
 
-def _mechanism_bars(s: Values) -> Figure:
+def _mechanism_bars(s: Values) -> drawing.Figure:
     figure, (longest, share) = drawing.plots(1, 2, height=5.5)
     rows = list(reversed(s["mechanisms"]))
     b = s["bound_ms"]
@@ -84,7 +78,7 @@ def _mechanism_bars(s: Values) -> Figure:
     return figure
 
 
-def _room(report: Values) -> Figure:
+def _room(report: Values) -> drawing.Figure:
     figure, plots = drawing.plots(1, len(report["settings"]["speeds_kmh"]), height=4)
     names = [row["ablation"] for row in report["summary"]["road"]]
     names = list(reversed(dict.fromkeys(names)))

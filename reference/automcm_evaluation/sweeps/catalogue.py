@@ -15,7 +15,7 @@ MODULES = {name: f"{name}.{name}" for name in NAMES} | {
     "traffic": "traffic_experiment.traffic_experiment",
     "traffic-sweep": "traffic_experiment.traffic_sweep",
 }
-"""Each has TITLE, SETTINGS, ``cells`` and ``run``; beside it ``*_tables`` have ``summary`` and
+"""Each has TITLE, Settings, ``cells`` and ``run``; beside it ``*_tables`` have ``summary`` and
 ``names``, and ``*_figures`` have ``plots``."""
 
 
@@ -30,7 +30,7 @@ def experiment(name: str) -> Experiment:
     return Experiment(
         name=name,
         title=of["TITLE"],
-        settings=of["SETTINGS"],
+        settings=of["Settings"],
         cells=of["cells"],
         run=of["run"],
         summary=of["summary"],

@@ -24,7 +24,7 @@ from automcm_evaluation.framework.experiment import (
     Cell,
     Experiment,
     ExperimentError,
-    Settings,
+    ExperimentSettings,
     Values,
     canonical,
 )
@@ -63,7 +63,7 @@ def code() -> str:
     return digest.hexdigest()[:12]
 
 
-def header(made: Experiment, profile: str, seed: int, settings: Settings) -> Values:
+def header(made: Experiment, profile: str, seed: int, settings: ExperimentSettings) -> Values:
     """The description of a sweep, for its report."""
     return {
         "experiment": made.name,

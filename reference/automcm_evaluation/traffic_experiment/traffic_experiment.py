@@ -7,9 +7,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from automcm_evaluation.framework.experiment import Settings, Values, grid
+from automcm_evaluation.framework.experiment import ExperimentSettings, Values, grid
 from automcm_evaluation.traffic_experiment import crowd_sessions, traffic_cell
 
+TITLE = "Traffic at scale"
 Share = Annotated[float, Field(gt=0, le=1)]
 Number = Annotated[int, Field(ge=1, le=500)]
 Block = tuple[
@@ -21,7 +22,7 @@ Block = tuple[
 """A scenario, vehicles per km over all lanes, penetrations, and the number of seeds."""
 
 
-class Scale(Settings):
+class Settings(ExperimentSettings):
     """Settings; lengths in m, times in ms unless the name says otherwise."""
 
     sumo: bool = True
@@ -39,7 +40,7 @@ class Scale(Settings):
     """Seeds of each crowd that asks."""
 
 
-def cells(settings: Scale) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """By seed, so that an interrupted sweep has run all blocks with its first seeds."""
     s = settings
     found = grid(part="answers", receivers=s.receivers, early=(False, True), run_ms=s.receivers_ms)
@@ -56,7 +57,7 @@ def cells(settings: Scale) -> list[Values]:
     return found
 
 
-def _runs(settings: Scale, block: Block, seed: int) -> list[Values]:
+def _runs(settings: Settings, block: Block, seed: int) -> list[Values]:
     """Those without stations do not depend on the penetration."""
     scenario, per_km, shares, _ = block
     where = {"part": "road", "scenario": scenario, "per_km": per_km, "seed": seed}
@@ -73,7 +74,3 @@ def run(values: Values, seed: int) -> Values:
         case "all ask":
             return crowd_sessions.all_ask(values, seed)
     return traffic_cell.run(values, seed)
-
-
-TITLE = "Traffic at scale"
-SETTINGS = Scale

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.traffic_experiment.traffic_tables import ASKED
 from automcm_simulation.road import figures
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-
-def plots(report: Values) -> Iterator[tuple[str, Figure]]:
+def plots(report: Values) -> figures.NamedFigures:
     """The travel time and the radio by density; the crowds."""
     s = report["summary"]
     if s["road"]:
@@ -22,7 +17,7 @@ def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     yield "crowds", _crowds(s)
 
 
-def _road(s: Values) -> Figure:
+def _road(s: Values) -> figures.Figure:
     figure, (travel, radio) = figures.plots(1, 2, height=4.2)
     four = [row for row in s["road"] if row["scenario"] == ASKED]
     for n, variant in enumerate(("none", "silent", "stations")):
@@ -46,7 +41,7 @@ def _road(s: Values) -> Figure:
 
 
 def _line(
-    plot: Axes, rows: Sequence[Values], name: str, style: str, colour: str, label: str
+    plot: figures.Axes, rows: Sequence[Values], name: str, style: str, colour: str, label: str
 ) -> None:
     if not rows:
         return
@@ -58,7 +53,7 @@ def _line(
     )
 
 
-def _crowds(s: Values) -> Figure:
+def _crowds(s: Values) -> figures.Figure:
     figure, (bound, agreed) = figures.plots(1, 2, height=3.8)
     for early, mark in ((False, "o"), (True, "x")):
         rows = [row for row in s["answers"] if row["early"] == early]

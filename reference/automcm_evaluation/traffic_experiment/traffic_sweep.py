@@ -13,7 +13,7 @@ from pydantic import Field
 from automcm_evaluation.framework.experiment import (
     Cell,
     ExperimentError,
-    Settings,
+    ExperimentSettings,
     Values,
     canonical,
 )
@@ -26,6 +26,7 @@ from automcm_simulation.traffic_scenarios.traffic_run import RadioName, TrafficR
 from automcm_spec.support import scratch
 from automcm_traces.explain.explain import verdicts_of
 
+TITLE = "Many short runs in traffic"
 SECONDS = 30.0
 VEHICLES = 8, 14
 DENSITIES = 20.0, 40.0, 60.0, 80.0
@@ -34,7 +35,7 @@ LOSSES = 0.0, 0.2, 0.4, 0.6, 0.75
 """At the highest CAMs are lost long enough for hazards."""
 
 
-class Sweep(Settings):
+class Settings(ExperimentSettings):
     """The runs: each scenario with each seed."""
 
     scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1)] = tuple(SCENARIOS)
@@ -45,7 +46,7 @@ class Sweep(Settings):
     """The seeds that are multiples of it run twice, and the bytes are compared; 0: none."""
 
 
-def cells(settings: Sweep) -> list[Values]:
+def cells(settings: Settings) -> list[Values]:
     """By seed, so that an interrupted sweep has run all scenarios."""
     every = settings.twice_every
     return [
@@ -174,7 +175,3 @@ COLUMNS = "runs", "twice", *SUMS, "longest_ms", *COLLISIONS, "wrong"
 def names(report: Values) -> Values:
     """What the page uses."""
     return {"runs": len(report["cells"]), "run_s": SECONDS}
-
-
-TITLE = "Many short runs in traffic"
-SETTINGS = Sweep

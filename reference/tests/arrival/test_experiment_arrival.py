@@ -12,7 +12,7 @@ from automcm_evaluation.arrival import arrival, arrival_tables, sumo
 from automcm_simulation.road.drive import FourVehicles
 
 Json = Any
-USUAL: Json = arrival.ArrivalSetting().model_dump(mode="json")
+USUAL: Json = arrival.Settings().model_dump(mode="json")
 PLACES: Json = {name: USUAL[name] for name in arrival.PLACES}
 MODEL: Json = {name: USUAL[name] for name in arrival.MODEL}
 

@@ -12,7 +12,7 @@ from fixed_cells import committed
 from automcm_evaluation.framework import experiment
 from automcm_evaluation.framework.experiment import (
     Experiment,
-    Settings,
+    ExperimentSettings,
 )
 from automcm_evaluation.framework.intervals import quantile, wilson
 from automcm_evaluation.sweeps import catalogue, report, sweep
@@ -20,7 +20,7 @@ from automcm_evaluation.sweeps import catalogue, report, sweep
 Json = Any
 
 
-class Dice(Settings):
+class Dice(ExperimentSettings):
     sides: tuple[int, ...] = (6, 20)
     throws: int = 3
 

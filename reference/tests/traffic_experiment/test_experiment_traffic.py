@@ -10,11 +10,11 @@ import numpy as np
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_evaluation.traffic_experiment import traffic_cell
-from automcm_evaluation.traffic_experiment.traffic_experiment import Scale, cells
+from automcm_evaluation.traffic_experiment.traffic_experiment import Settings, cells
 from automcm_evaluation.traffic_experiment.traffic_tables import coverage, indifferent, summary
 from automcm_simulation.traffic.mover import Body, RoadUser
 
-SMALL = Scale(
+SMALL = Settings(
     blocks=(("lane-change-4", 50.0, (0.5, 1.0), 2),),
     receivers=(2,),
     receivers_ms=4000,
@@ -61,7 +61,7 @@ def test_a_hazard_beyond_the_bound_is_broken() -> None:
 
 def test_the_full_grid_is_the_one_that_the_page_counts() -> None:
     full = experiment("traffic").profiles["standard"]
-    assert isinstance(full, Scale)
+    assert isinstance(full, Settings)
     grid = [block for block in full.blocks if block[0] == "lane-change-4"]
     runs = [
         v for v in cells(full) if (v.get("scenario"), v.get("variant")) == (grid[0][0], "stations")
