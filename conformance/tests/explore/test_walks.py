@@ -11,11 +11,14 @@ from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.play import play
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walks import (
+    NOTHING,
     Act,
     Faults,
     Setting,
     WalkCoverage,
+    perform,
 )
+from automcm_conformance.live.live import Unwritten
 from automcm_conformance.suite.graph_cases import PARAMETERS, Runner
 from automcm_conformance.suite.scripts import (
     ABORT,
@@ -65,6 +68,14 @@ def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
     finally:
         adapter.stop()
     assert off is not None and off[1] == inputs[8]
+
+
+def test_in_natural_time_each_timer_expires_when_it_is_due() -> None:
+    oracle = graph(ONE_PEER.path)
+    x = Exchange(oracle, Unwritten(), PARAMETERS, predict=True, logged=False)
+    for pause_ms, i in ((10, oracle.input_index[REQUEST]), (250, NOTHING)):
+        perform(x, Act(pause_ms, i), Setting(False))
+    assert [step.now - x.now for step in x.unwritten_steps[-3:]] == [-150, -50, 0]
 
 
 def test_a_case_says_what_it_was_played_with() -> None:
