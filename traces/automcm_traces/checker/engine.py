@@ -49,7 +49,6 @@ from automcm_traces.checker.track import (
     expected,
     expired,
     limits_of,
-    marked_and_newer,
     mismatch,
     named,
     received,
@@ -124,8 +123,8 @@ class Engine:
         """The last input and the effects still expected; None after ``finish``."""
         self.malformed: NoInput | None = None
         """The last input, if it was a malformed message."""
-        self._no_op_cams: dict[tuple[int, bool, bool], InputStep] = {}
-        """Steps for CAMs that change nothing in the current state, by sender, marked, newer."""
+        self._no_op_cams: dict[Input, InputStep] = {}
+        """Steps for CAMs that change nothing in the current state."""
 
     def copy(self) -> Self:
         """A copy that can continue independently."""
@@ -232,19 +231,20 @@ class Engine:
             self.observer(step, self.track)
 
     def _lift(self, step: InputStep) -> None:
+        if not step.changes and not step.sent:
+            return
         if self._shares_track:
             self.track, self._shares_track = self.track.copy(), False
         t, m = self.track, step.given
         if step.input[0] == "restart":
             self.timers = {k: d for k, d in self.timers.items() if k.name == "quarantine"}
-        if step.changes or step.sent:
-            self._no_op_cams.clear()
         after = step.after
         restarts = step.input.kind == "restart"
         if after.quarantine and (restarts or not t.state.quarantine):
             rule, ms = "END-8" if restarts else "ACT-6", self._durations["quarantine"]
             t.quarantine = Quarantine(step.at, rule, ms)
         if after is not t.state or step.sent:
+            self._no_op_cams.clear()
             was = t.state.phase
             advance_track(t, after, step.sent)
             prescribed = step.input.kind == "receive" and step.input.message.type == "Prescription"
@@ -259,8 +259,10 @@ class Engine:
     def _phase_is(self, at: int, event: Event) -> None:
         """Check the phase and the role after the step, where the log states them."""
         step = self.step
-        wanted = (self.track.state if step is None else step.after)[:2]
-        found = event.phase, event.role
+        state = self.track.state if step is None else step.after
+        wanted, found = (state.phase, state.role), (event.phase, event.role)
+        if wanted == found:
+            return
         for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
             if is_ is not None and is_ != should:
                 rule, guard = self._last_rule()
@@ -293,12 +295,12 @@ class Engine:
 
     def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
         """A received CAM. Most change nothing, so the step of an equal CAM is reused."""
-        key = m.src, *marked_and_newer(self.track, m, event.t_ms)
-        k, t_ms = self._no_op_cams.get(key), event.t_ms
+        question, t_ms = received(self.track, event, m), event.t_ms
+        k = self._no_op_cams.get(question.value)
         if k is None:
-            step = self._begin_step(at, t_ms, event, received(self.track, event, m))
+            step = self._begin_step(at, t_ms, event, question)
             if not step.changes and len(self._no_op_cams) < NO_OP_CAMS:
-                self._no_op_cams[key] = step
+                self._no_op_cams[question.value] = step
             return
         decided = k.input, k.what, k.rule, k.after, False, k.indication
         effects = k.messages, k.arm, k.stop, k.indications
