@@ -50,15 +50,6 @@ USED = frozenset((*COSTS, *_STATES, *_EFFECT_CALLS, *_NUMBERS, *chain(*_TWINS)))
 
 
 @dataclass(frozen=True)
-class TextEdit:
-    """The text of ``node`` replaced by ``new``."""
-
-    class_: Class
-    node: ast.AST
-    new: str
-
-
-@dataclass(frozen=True)
 class Place:
     """The place of a node: its function or table, and the enclosing calls, the innermost first."""
 
@@ -94,14 +85,10 @@ def _without_item(items: Sequence[T], k: int) -> list[T]:
     return [*items[:k], *items[k + 1 :]]
 
 
-def edits(node: ast.AST, place: Place) -> Iterator[TextEdit]:
-    """The edits of this node."""
+def edits(node: ast.AST, place: Place) -> Iterator[tuple[Class, str]]:
+    """The texts that replace the text of this node, with their classes."""
     for class_, new in _faults(node, place):
-        yield TextEdit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
-
-
-def _indented(node: ast.stmt) -> str:
-    return ("\n" + " " * node.col_offset).join(ast.unparse(node).split("\n"))
+        yield place.class_of(class_), new if isinstance(new, str) else _text(new)
 
 
 def _faults(node: ast.AST, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
@@ -124,16 +111,13 @@ def _faults(node: ast.AST, place: Place) -> Iterator[tuple[Class, ast.AST | str]
         case ast.Tuple(elts=items) | ast.List(elts=items):
             yield from _items(items)
         case ast.Attribute(value, name):
-            for twin in _twins(name):
+            for twin in _following(name, _TWINS):
                 class_: Class = "timer" if name.startswith(("t_", "backoff_m")) else "field"
                 yield class_, ast.Attribute(value, twin)
         case ast.Constant(bool(value)) if place.keyword:
-            yield (
-                ("memory" if place.calls[:1] and place.calls[0] in _STATES else "field"),
-                repr(not value),
-            )
+            yield "memory" if place.calls[0] in _STATES else "field", repr(not value)
         case ast.Subscript(value, ast.Constant(str(name))) if place.name in TIMER_PLACES:
-            for twin in _twins(name):
+            for twin in _following(name, _TWINS):
                 yield "timer", ast.Subscript(value, ast.Constant(twin))
         case ast.Constant(int(rank)) if place.calls[:1] == ("TimerRow",):
             yield "timer", repr(rank + 1.5)  # behind the next
@@ -210,11 +194,8 @@ def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]
             yield "memory", ast.Call(node.func, _without_item(node.args, k), [])
     if name in ("leave", "post") and node.args:
         yield "memory", node.args[0]
-    if name in ("min", "max"):
-        yield (
-            "field",
-            ast.Call(ast.Name("max" if name == "min" else "min"), node.args, node.keywords),
-        )
+    if other := {"min": "max", "max": "min"}.get(name):
+        yield "field", ast.Call(ast.Name(other), node.args, node.keywords)
     if name in ("to", "from_") and len(node.args) > 1:
         for k in range(len(node.args)):
             yield "table", ast.Call(node.func, _without_item(node.args, k), node.keywords)
@@ -230,8 +211,7 @@ def _entries(node: ast.Dict, place: Place) -> Iterator[tuple[Class, ast.AST | st
 
 
 def _items(items: Sequence[ast.expr]) -> Iterator[tuple[Class, ast.AST | str]]:
-    rows = [called(item) == "Row" for item in items]
-    if not any(rows):
+    if not any(called(item) == "Row" for item in items):
         return
     for k in range(len(items)):
         yield "table", ast.Tuple(_without_item(items, k), ast.Load())
@@ -245,47 +225,45 @@ def _word(word: str, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
         names = word.split(" or ")
         for k in range(len(names)):
             yield "table", repr(" or ".join(_without_item(names, k)))
-    if not place.calls or place.form:
-        return
-    for family in _SWAPPED:
-        if word in family and place.calls[0] in _EFFECT_CALLS:
-            yield "field", repr(family[(family.index(word) + 1) % len(family)])
+    if place.calls and place.calls[0] in _EFFECT_CALLS and not place.form:
+        for other in _following(word, _SWAPPED):
+            yield "field", repr(other)
 
 
-def _twins(name: str) -> Iterator[str]:
-    for family in _TWINS:
-        if name in family:
-            yield family[(family.index(name) + 1) % len(family)]
+def _following(word: str, families: Sequence[Sequence[str]]) -> Iterator[str]:
+    for family in families:
+        if word in family:
+            yield family[(family.index(word) + 1) % len(family)]
 
 
 def _statement(node: ast.stmt, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
     match node:
-        case ast.If(test) if not isinstance(test, ast.Compare | ast.UnaryOp):
-            yield "guard", _head(node, f"not ({ast.unparse(test)})")
-        case ast.Expr(ast.Call()) | ast.Delete():
+        case ast.If(test, body, orelse) if not isinstance(test, ast.Compare | ast.UnaryOp):
+            negated = ast.If(ast.Name(f"not ({ast.unparse(test)})"), body, orelse)
+            yield "guard", ast.unparse(negated).replace("\n", "\n" + " " * node.col_offset)
+        case ast.Expr(ast.Call()) | ast.Delete() | ast.Assign([ast.Attribute() | ast.Subscript()]):
             yield "memory", "pass"
-        case ast.Assign([ast.Attribute() | ast.Subscript()]):
-            yield "memory", "pass"
-        case ast.Return(value) if value is not None and place.returns_bool:
-            if not isinstance(value, ast.Compare | ast.UnaryOp | ast.Constant):
+        case ast.Return(ast.Constant(value)) if place.returns_bool:
+            yield "guard", f"return {not value}"
+        case ast.Return(ast.expr() as value) if place.returns_bool:
+            if not isinstance(value, ast.Compare | ast.UnaryOp):
                 yield "guard", f"return not ({ast.unparse(value)})"
-            elif isinstance(value, ast.Constant):
-                yield "guard", f"return {not value.value}"
-        case ast.Return(value) if value is not None and place.name in TIMER_PLACES:
-            if isinstance(value, ast.Attribute | ast.BinOp | ast.Subscript):
+        case ast.Return(ast.Attribute() | ast.BinOp() | ast.Subscript() as value):
+            if place.name in TIMER_PLACES:
                 for how in ("({}) + 1", "({}) - 1", "2 * ({})"):
                     yield "timer", f"return {how.format(ast.unparse(value))}"
-
-
-def _head(node: ast.If, test: str) -> str:
-    """An if statement with another test and the same indentation of its body."""
-    return _indented(ast.If(ast.Name(test), node.body, node.orelse, col_offset=node.col_offset))
 
 
 def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
     """The children of a node that may be changed, each with its place."""
     match node:
-        case ast.Assert() | ast.Raise() | ast.Import() | ast.ImportFrom():
+        case (
+            ast.Assert() | ast.Raise() | ast.Import() | ast.ImportFrom() | ast.Expr(ast.Constant())
+        ):
+            return
+        case ast.Call(ast.Name("_given")):
+            return  # a default, which the kit never uses
+        case ast.FunctionDef(name) if name in UNTOUCHED:
             return
         case ast.FunctionDef():
             returns_bool = node.returns is not None and ast.unparse(node.returns) == "bool"
@@ -303,22 +281,16 @@ def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
                 yield value, Place(place.name or named, place.form)
         case ast.Assign([ast.Name(name)], value) if not place.name:
             yield value, Place(name, place.form)
-        case ast.Call(ast.Name("_given")):
-            return  # a default, which the kit never uses
         case ast.Call():
             calls = (called(node), *place.calls)
             for value in [*([] if called(node) else [node.func]), *node.args]:
-                yield value, Place(place.name, place.form, calls, returns_bool=False)
+                yield value, Place(place.name, place.form, calls)
             if isinstance(node.func, ast.Attribute):
                 yield node.func.value, Place(place.name, place.form, place.calls)
             for keyword in node.keywords:
                 if keyword.arg in COSTS:
                     continue
                 yield keyword.value, Place(place.name, place.form, calls, keyword.arg or "")
-        case ast.Lambda(_, body):
-            yield body, place
-        case ast.Expr(ast.Constant()):
-            return
         case _:
             for child in ast.iter_child_nodes(node):
                 if isinstance(child, ast.arguments | ast.expr_context | ast.operator | ast.cmpop):

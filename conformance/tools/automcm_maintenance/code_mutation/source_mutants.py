@@ -8,10 +8,10 @@ from __future__ import annotations
 import ast
 import hashlib
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, takewhile, zip_longest
 from pathlib import Path
 
 import automcm
@@ -21,11 +21,9 @@ from automcm_maintenance.code_mutation.source_edits import (
     CLASSES,
     DEFINED,
     TYPES,
-    UNTOUCHED,
     USED,
     Class,
     Place,
-    TextEdit,
     edits,
     inner,
 )
@@ -86,10 +84,8 @@ def generate(modules: Sequence[str] = MODULES) -> Generated:
     """
     if nothing := unnamed([path_of(name).read_text(encoding="utf-8") for name in MODULES]):
         raise ValueError(f"source_edits: names nothing: {', '.join(sorted(nothing))}")
-    found = Generated([])
-    for name in modules:
-        _mutants(name, path_of(name), found)
-    return found
+    found = [mutant for name in modules for mutant in _mutants(name, path_of(name))]
+    return Generated([m for m in found if m is not None], found.count(None))
 
 
 def unnamed(sources: Sequence[str]) -> set[str]:
@@ -97,21 +93,26 @@ def unnamed(sources: Sequence[str]) -> set[str]:
     defined: set[str] = set()
     used: set[str] = set()
     for node in (node for source in sources for node in ast.walk(ast.parse(source))):
+        defined.add(_name(node))
         match node:
-            case ast.FunctionDef(name) | ast.ClassDef(name):
-                defined.add(name)
-            case ast.Assign([ast.Name(name), *_]) | ast.AnnAssign(ast.Name(name)):
-                defined.add(name)
             case ast.Name(name) | ast.Attribute(_, name) | ast.keyword(name) | ast.alias(name):
                 used.add(name or "")
     return {*DEFINED - defined, *USED - used - defined}
 
 
+def _name(node: ast.AST) -> str:
+    """The name that a statement defines; empty for other nodes."""
+    match node:
+        case ast.FunctionDef(name) | ast.ClassDef(name):
+            return str(name)
+        case ast.Assign([ast.Name(name), *_]) | ast.AnnAssign(ast.Name(name)):
+            return str(name)
+    return ""
+
+
 def of_file(path: Path) -> list[SourceMutant]:
     """All mutants of any module.  Raises OSError, SyntaxError."""
-    found = Generated([])
-    _mutants(path.stem, path, found)
-    return found.mutants
+    return [mutant for mutant in _mutants(path.stem, path) if mutant is not None]
 
 
 def sample(mutants: Sequence[SourceMutant], count: int, seed: int) -> list[SourceMutant]:
@@ -125,19 +126,15 @@ def sample(mutants: Sequence[SourceMutant], count: int, seed: int) -> list[Sourc
     places: dict[tuple[str, str], list[SourceMutant]] = defaultdict(list)
     for mutant in sorted(mutants, key=lambda mutant: hash_of(f"{seed} {mutant.id}")):
         places[mutant.class_, mutant.id.rsplit("/", 1)[0]].append(mutant)
-    by_class: dict[str, list[SourceMutant]] = {}
-    for class_ in CLASSES:
-        groups = [group for (of, _), group in places.items() if of == class_]
-        by_class[class_] = list(_in_turn(groups))
-    chosen = {mutant.id for mutant in list(_in_turn(list(by_class.values())))[:count]}
+    by_class = [
+        _in_turn([group for (of, _), group in places.items() if of == class_]) for class_ in CLASSES
+    ]
+    chosen = {mutant.id for mutant in _in_turn(by_class)[:count]}
     return [mutant for mutant in mutants if mutant.id in chosen]
 
 
-def _in_turn(groups: Sequence[Sequence[SourceMutant]]) -> Iterator[SourceMutant]:
-    for k in range(max(map(len, groups), default=0)):
-        for group in groups:
-            if k < len(group):
-                yield group[k]
+def _in_turn(groups: Sequence[Sequence[SourceMutant]]) -> list[SourceMutant]:
+    return [mutant for turn in zip_longest(*groups) for mutant in turn if mutant is not None]
 
 
 def hash_of(text: str) -> str:
@@ -145,78 +142,55 @@ def hash_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _mutants(module: str, path: Path, found: Generated) -> None:
-    source = path.read_text(encoding="utf-8")
+def _mutants(module: str, path: Path) -> Iterator[SourceMutant | None]:
+    """The mutants of a module, and None for each change that does not compile."""
+    source = path.read_bytes()
     tree = ast.parse(source)
     same: set[tuple[int, str]] = {(node.lineno, ast.dump(node)) for node in tree.body}
-    starts = _starts(source)
-    numbers: dict[tuple[str, str], int] = defaultdict(int)
-    for place, edit, statement in _all(tree, module == "messages"):
-        start, end = _span(source, starts, edit.node)
-        mutated = source[:start] + edit.new + source[end:]
-        first, last = _span(source, starts, statement)
-        try:
-            changed = ast.parse(mutated[first : last + len(mutated) - len(source)])
-            compile(changed, path.name, "exec")
-        except SyntaxError:
-            found.broken += 1
-            continue
-        dumped = statement.lineno, ast.dump(changed.body[0]) if changed.body else ""
-        if dumped in same:
-            continue
-        same.add(dumped)
-        numbers[place, edit.class_] += 1
-        line: int = edit.node.lineno  # type: ignore[attr-defined]
-        found.mutants.append(
-            SourceMutant(
-                f"{module}/{place}/{edit.class_}-{numbers[place, edit.class_]}",
-                edit.class_,
-                "/".join(path.parts[-3:]),
-                line,
-                _rule(source, statement, line),
-                *_shown(source[start:end], edit),
-                mutated,
-            )
-        )
-
-
-def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, TextEdit, ast.stmt]]:
-    """The name of the function or table, the edit, and its top-level statement."""
-    for statement in tree.body:
-        targets: list[ast.expr] = []
-        if isinstance(statement, ast.AnnAssign):
-            targets = [statement.target]
-        elif isinstance(statement, ast.Assign):
-            targets = statement.targets
-        names = {ast.unparse(target) for target in targets}
-        names |= {statement.name} if isinstance(statement, ast.ClassDef) else set()
-        if names & {*TYPES}:
-            continue
-        stack: list[tuple[ast.AST, Place]] = [(statement, Place("", form))]
-        while stack:
-            node, place = stack.pop()
-            if isinstance(node, ast.FunctionDef) and node.name in UNTOUCHED:
+    starts = [0, *accumulate(map(len, source.splitlines(keepends=True)))]
+    numbers: Counter[tuple[str, str]] = Counter()
+    for statement in (node for node in tree.body if _name(node) not in TYPES):
+        first, last = _span(starts, statement)
+        for node, place, class_, new in _changes(statement, Place("", module == "messages")):
+            start, end = _span(starts, node)
+            mutated = source[:start] + new.encode() + source[end:]
+            try:
+                changed = ast.parse(mutated[first : last + len(mutated) - len(source)])
+                compile(changed, path.name, "exec")
+            except SyntaxError:
+                yield None
                 continue
-            for edit in edits(node, place):
-                if hasattr(edit.node, "lineno"):
-                    yield place.name or getattr(node, "name", "module"), edit, statement
-            stack += reversed(list(inner(node, place)))
+            dumped = statement.lineno, ast.dump(changed.body[0]) if changed.body else ""
+            if dumped in same:
+                continue
+            same.add(dumped)
+            numbers[place, class_] += 1
+            old = "pass" if isinstance(node, ast.Pass) else ast.unparse(node)
+            yield SourceMutant(
+                f"{module}/{place}/{class_}-{numbers[place, class_]}",
+                class_,
+                "/".join(path.parts[-3:]),
+                node.lineno,
+                _rule(source.decode(), statement, node.lineno),
+                *_shown(old, new),
+                mutated.decode(),
+            )
 
 
-def _starts(source: str) -> list[int]:
-    """The offset of each line."""
-    return [0, *accumulate(len(line) for line in source.splitlines(keepends=True))]
+def _changes(node: ast.AST, place: Place) -> Iterator[tuple[ast.expr | ast.stmt, str, Class, str]]:
+    """A node and its new text, with the name of the function or table and the class."""
+    for class_, new in edits(node, place):
+        assert isinstance(node, ast.expr | ast.stmt), "no edit is of another node"
+        yield node, place.name or getattr(node, "name", "module"), class_, new
+    for child, within in inner(node, place):
+        yield from _changes(child, within)
 
 
-def _span(source: str, starts: Sequence[int], node: ast.AST) -> tuple[int, int]:
-    """The offsets in characters at which a node begins and ends."""
-
-    def at(line: int, column: int) -> int:
-        text = source[starts[line - 1] : starts[line]]
-        return starts[line - 1] + len(text.encode()[:column].decode())
-
-    first = at(node.lineno, node.col_offset)  # type: ignore[attr-defined]
-    return first, at(node.end_lineno, node.end_col_offset)  # type: ignore[attr-defined]
+def _span(starts: Sequence[int], node: ast.expr | ast.stmt) -> tuple[int, int]:
+    """The offsets in bytes at which a node begins and ends, from those of the lines."""
+    assert node.end_lineno is not None and node.end_col_offset is not None
+    first = starts[node.lineno - 1] + node.col_offset
+    return first, starts[node.end_lineno - 1] + node.end_col_offset
 
 
 def _rule(source: str, statement: ast.stmt, line: int) -> str:
@@ -233,21 +207,22 @@ def _rule(source: str, statement: ast.stmt, line: int) -> str:
             if cited in RULES
         ]
         if near:
-            rule: str = min(near)[1]
-            return rule
+            return str(min(near)[1])
     return ""
 
 
-def _shown(old: str, edit: TextEdit) -> tuple[str, str]:
+def _shown(old: str, new: str) -> tuple[str, str]:
     """The old and the new text on one line each; of a long text only the changed part."""
-    old = old if isinstance(edit.node, ast.Pass) else ast.unparse(edit.node)
-    one, other = " ".join(old.split()), " ".join(edit.new.split())
-    words, others = re.split(r"(?<=\W)|(?=\W)", one), re.split(r"(?<=\W)|(?=\W)", other)
-    least = min(len(words), len(others))
-    head = next((k for k in range(least) if words[k] != others[k]), least)
-    ends = range(1, least - head + 1)
-    tail = next((k - 1 for k in ends if words[-k] != others[-k]), least - head)
-    return _cut(words, head, tail), _cut(others, head, tail)
+    one, other = (re.split(r"(?<=\W)|(?=\W)", " ".join(text.split())) for text in (old, new))
+    head = _alike(one, other)
+    tail = _alike(one[head:][::-1], other[head:][::-1])
+    return _cut(one, head, tail), _cut(other, head, tail)
+
+
+def _alike(words: Sequence[str], others: Sequence[str]) -> int:
+    """How many words at the beginning are the same."""
+    pairs = zip(words, others, strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _cut(words: Sequence[str], head: int, tail: int) -> str:
