@@ -28,8 +28,7 @@ LONGEST = 110
 
 def summary(found: KillCertificate) -> str:
     """The text for the screen: counts, and the mutants that were not killed."""
-    lines = [_counted("all", found.rows)]
-    lines = [_counted(name, rows) for name, rows in _by_class(found.rows)] + lines
+    lines = [_counted(*row) for row in (*_by_class(found.rows), ("all", found.rows))]
     for row in found.rows:
         if row.verdict in ("survived", "undecided"):
             lines += ["", *survivor(row)]

@@ -159,21 +159,18 @@ def _arithmetic(node: ast.BinOp, place: Place) -> Iterator[tuple[Class, ast.AST 
 def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
     name, empty = called(node), ast.Tuple([], ast.Load())
     if name == "Row" and len(node.args) == 3:
-        rule, _, then = node.args
-        yes, nothing = "lambda me, st, i: True", "lambda me, st, i: Outcome(st)"
-        if ast.unparse(node.args[1]) != "always":
-            yield "table", f"Row({ast.unparse(rule)}, {yes}, {ast.unparse(then)})"
-        if ast.unparse(then) != "ignore":
-            yield "table", f"Row({ast.unparse(rule)}, {ast.unparse(node.args[1])}, {nothing})"
+        rule, when, then = map(ast.unparse, node.args)
+        if when != "always":
+            yield "table", f"Row({rule}, lambda me, st, i: True, {then})"
+        if then != "ignore":
+            yield "table", f"Row({rule}, {when}, lambda me, st, i: Outcome(st))"
         return
-    if name == "Outcome":
-        if node.args and called(node.args[0]):
-            yield "memory", ast.Call(node.func, [ast.Name("st"), *node.args[1:]], node.keywords)
-        if len(node.args) > 1:
-            kept = [node.args[0], empty, *node.args[2:]]
-            yield "field", ast.Call(node.func, kept, node.keywords)
-        if len(node.args) > 2:
-            yield "field", ast.Call(node.func, node.args[:2], node.keywords)
+    if name == "Outcome" and node.args and called(node.args[0]):
+        yield "memory", ast.Call(node.func, [ast.Name("st"), *node.args[1:]], node.keywords)
+    if name in ("Outcome", "leave_with") and len(node.args) > 1:
+        yield "field", ast.Call(node.func, [node.args[0], empty, *node.args[2:]], node.keywords)
+    if name == "Outcome" and len(node.args) > 2:
+        yield "field", ast.Call(node.func, node.args[:2], node.keywords)
     for k, keyword in enumerate(node.keywords):
         if keyword.arg is None or keyword.arg in COSTS:
             continue
@@ -199,8 +196,6 @@ def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]
     if name in ("to", "from_") and len(node.args) > 1:
         for k in range(len(node.args)):
             yield "table", ast.Call(node.func, _without_item(node.args, k), node.keywords)
-    if name == "leave_with" and len(node.args) > 1:
-        yield "field", ast.Call(node.func, [node.args[0], empty, *node.args[2:]], node.keywords)
 
 
 def _entries(node: ast.Dict, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:

@@ -43,10 +43,12 @@ def pages() -> dict[str, Callable[[], str]]:
     }
     commands = {name: partial(str, text) for name, text in _commands().items()}
     return {
-        "certificate.md": lambda: certificate_page.markdown(_json(certificate_page.RESULTS)),
+        "certificate.md": lambda: certificate_page.markdown(
+            json.loads(certificate_page.RESULTS.read_bytes())
+        ),
         **commands,
         "corpus.md": partial(corpus.page, ROOT / "traces" / "corpus"),
-        "faults.md": lambda: faults_page(_json(FAULTS)),
+        "faults.md": lambda: faults_page(json.loads(FAULTS.read_bytes())),
         "index.md": _first_page,
         "models.md": lambda: models_page(models.load()),
         "mutation.md": lambda: mutant_results.page(mutant_results.load()),
@@ -119,11 +121,6 @@ def _first_page() -> str:
     """The README up to its commands, with links from docs/."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## Model-check it")[0]
     return re.sub(r"\]\((?!https?:|#)(docs/)?", lambda m: "](" if m[1] else "](../", readme)
-
-
-def _json(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
 
 
 def _details(results: Path) -> str:

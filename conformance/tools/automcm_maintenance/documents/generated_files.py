@@ -58,13 +58,14 @@ class Generated:
     """
 
     path: Path
-    make: Callable[[], Mapping[Path, bytes]]
+    make: Callable[[], Mapping[Path, str | bytes]]
     folders: Sequence[Path] = ()
     slow: bool = False
 
     def stale(self) -> dict[Path, bytes | None]:
         """The files that differ, with what they must contain; None: they must not be there."""
-        wanted = self.make()
+        made = self.make().items()
+        wanted = {path: data.encode() if isinstance(data, str) else data for path, data in made}
         there = (p for folder in self.folders for p in folder.rglob("*") if p.is_file())
         other = {path: None for path in there if path not in wanted}
         return other | {p: d for p, d in wanted.items() if not p.exists() or _read(p) != d}
@@ -120,7 +121,7 @@ def counterexamples(verdicts: Iterable[models.ModelVerdict]) -> Generated:
     return Generated(
         COUNTEREXAMPLES,
         lambda: {
-            COUNTEREXAMPLES / f"{v.model.cfg}.itf.json": model_output.counterexample(v).encode()
+            COUNTEREXAMPLES / f"{v.model.cfg}.itf.json": model_output.counterexample(v)
             for v in verdicts
             if v.model.expect == "violates" and v.ok
         },
@@ -129,8 +130,8 @@ def counterexamples(verdicts: Iterable[models.ModelVerdict]) -> Generated:
 
 def proof(found: recorded_proof.Proof) -> Generated:
     """The committed result of the proof."""
-    path, text = recorded_proof.PATH, recorded_proof.text(found)
-    return Generated(path, lambda: {path: text.encode()})
+    path = recorded_proof.PATH
+    return Generated(path, lambda: {path: recorded_proof.text(found)})
 
 
 def picture() -> str:
@@ -190,34 +191,36 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
         ADAPTER_SCHEMA: lambda: json_schema.text(adapter_schema.schema()),
         MESSAGES_SCHEMA: lambda: json_schema.text(json_schema.messages()),
         MESSAGES_PAGE: lambda: between(
-            MESSAGES_PAGE.read_text(), "automcm_evaluation.bandwidth.message_sizes", sizes.table()
+            MESSAGES_PAGE, {"automcm_evaluation.bandwidth.message_sizes": sizes.table()}
         ),
-        SECURITY: lambda: between(
-            SECURITY.read_text(), "attackers", attacker_table.table(models.load())
+        SECURITY: lambda: between(SECURITY, {"attackers": attacker_table.table(models.load())}),
+        VERIFICATION: lambda: between(
+            VERIFICATION,
+            {
+                "ids and numbers": data_independence.table(),
+                "mutants": mutant_results.load().summary,
+            },
         ),
-        VERIFICATION: _verification,
         PICTURE: picture,
         EVALUATION: lambda: report.evaluation(EVALUATION.with_suffix("")),
         DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
     }
 
 
-def _verification() -> str:
-    text = between(VERIFICATION.read_text(), "ids and numbers", data_independence.table())
-    return between(text, "mutants", mutant_results.load().summary)
-
-
-def between(text: str, name: str, part: str) -> str:
-    """A page with ``part`` between the two marks with that name and the rest unchanged.
+def between(page: Path, parts: Mapping[str, str]) -> str:
+    """A page with each part between the two marks with its name and the rest unchanged.
 
     Raises ValueError without the marks.
     """
-    begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
-    before, begun, rest = text.partition(begin)
-    _, ended, after = rest.partition(end)
-    if not (begun and ended):
-        raise ValueError(f"the page must contain the marks {begin} and {end}")
-    return f"{before}{begin}\n{part}\n{end}{after}"
+    text = page.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+        before, begun, rest = text.partition(begin)
+        _, ended, after = rest.partition(end)
+        if not (begun and ended):
+            raise ValueError(f"the page must contain the marks {begin} and {end}")
+        text = f"{before}{begin}\n{part}\n{end}{after}"
+    return text
 
 
 def _all(one_peer: bytes, notify: Callable[[str], None]) -> Iterator[Generated]:
@@ -231,20 +234,17 @@ def _all(one_peer: bytes, notify: Callable[[str], None]) -> Iterator[Generated]:
         fresh = of is oracle_generation.ONE_PEER
         return {of.path: one_peer if fresh else oracle_generation.generate(of)}
 
-    def text(path: Path, make: Callable[[], str]) -> Mapping[Path, bytes]:
-        return {path: make().encode()}
-
-    def vectors() -> Mapping[Path, bytes]:
-        return {path: text.encode() for path, text in vector_texts.texts().items()}
+    def text(path: Path, make: Callable[[], str]) -> Mapping[Path, str]:
+        return {path: make()}
 
     for of in oracle_generation.GRAPHS.values():
         slow = of is not oracle_generation.ONE_PEER
         yield Generated(of.path, partial(graph, of), slow=slow)
     for path, make in _texts(one_peer).items():
         yield Generated(path, partial(text, path, make))
-    yield Generated(VECTORS, vectors)
+    yield Generated(VECTORS, vector_texts.texts)
     pairs = two_peer_pairs.PATH
-    yield Generated(pairs, lambda: {pairs: _two_peer_pairs().encode()}, slow=True)
+    yield Generated(pairs, partial(text, pairs, _two_peer_pairs), slow=True)
     yield Generated(CORPUS_ROOT, lambda: _corpus_of_tlc(notify), _FROM_TLC, slow=True)
     yield Generated(CORPUS_ROOT, _corpus, _AT_ONCE)
 

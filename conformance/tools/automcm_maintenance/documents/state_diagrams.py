@@ -98,22 +98,21 @@ def check(declared: Collection[Way], found: set[Edge]) -> None:
         raise ValueError("the declared phases and the graph differ: " + "; ".join(wrong))
 
 
-def _label(rule: str, among: set[Edge], found: set[Edge]) -> str:
+def _label(way: Way, found: set[Edge]) -> str:
     """A line of an arrow's label: the rule and its events.
 
     The indication is added if the event alone does not determine the transition.
     """
-    texts: dict[str, None] = {}
+    role, source, target, rule = way
+    texts = []
+    among = [edge for edge in found if edge.way == way]
     for edge in sorted(among, key=lambda e: (e.event, e.indication)):
-        elsewhere = any(
-            (e.role, e.source, e.event) == (edge.role, edge.source, edge.event)
-            and e.target != edge.target
-            for e in found
-        )
-        texts[
-            f"{edge.event} / {edge.indication}" if elsewhere and edge.indication else edge.event
-        ] = None
-    return f"{', '.join(texts)} ({rule})"
+        alike = [e for e in found if (e.role, e.source, e.event) == (role, source, edge.event)]
+        if edge.indication and any(e.target != target for e in alike):
+            texts.append(f"{edge.event} / {edge.indication}")
+        else:
+            texts.append(edge.event)
+    return f"{', '.join(dict.fromkeys(texts))} ({rule})"
 
 
 def diagram(declared: Collection[Way], found: set[Edge], role: str) -> str:
@@ -130,10 +129,8 @@ def diagram(declared: Collection[Way], found: set[Edge], role: str) -> str:
         for target in order[1:] + order[:1]:
             rules = [rule for _, before, after, rule in ways if (before, after) == (source, target)]
             if rules:
-                label = "<br/>".join(
-                    _label(rule, {e for e in found if e.way == (role, source, target, rule)}, found)
-                    for rule in sorted(rules, key=by_rule)
-                )
+                ordered = sorted(rules, key=by_rule)
+                label = "<br/>".join(_label((role, source, target, r), found) for r in ordered)
                 lines.append(f"    {source} --> {target} : {label}")
     return "\n".join(lines)
 

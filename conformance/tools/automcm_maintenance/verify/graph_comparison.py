@@ -169,7 +169,6 @@ class Coverage:
 
     covered: dict[str, str] = field(default_factory=dict)
     uncovered: list[str] = field(default_factory=list)
-    by_test: dict[str, str] = field(default_factory=lambda: dict(NO_GRAPH))
 
 
 def covered(

@@ -267,10 +267,8 @@ def _abstract_timer(timer: Timer, st: State) -> spec.Timer:
 
 
 def _entry_of(st: State, wanted: EntryKey) -> spec.Entry:
-    for message in st.outbox:
-        if key(message) == wanted:
-            return abstract_entry(message)
-    return spec.Entry(f"unknown {wanted.type}", *wanted[1:], False)
+    unknown = spec.Entry(f"unknown {wanted.type}", *wanted[1:], False)
+    return next((abstract_entry(m) for m in st.outbox if key(m) == wanted), unknown)
 
 
 class Reference:

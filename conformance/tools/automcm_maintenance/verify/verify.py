@@ -14,17 +14,17 @@ from automcm_cli.spec import model_output
 from automcm_maintenance.compilation import compiler
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_maintenance.documents.repository import ROOT
-from automcm_maintenance.induction import prove_commands, recorded_proof
+from automcm_maintenance.induction import recorded_proof
+from automcm_maintenance.induction.prove_commands import FAULTS
 from automcm_maintenance.spec_mutation import mutant_results
 from automcm_maintenance.verify import graph_comparison, kept_stages
 from automcm_maintenance.verify.behaviour_replay import replay
 from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
 from automcm_spec.model_checking import kept_results, models, tlc, tlc_simulation
-from automcm_spec.model_checking.tlc import TlcError
 from automcm_spec.model_checking.toolchain import ToolError
 from automcm_spec.support import children
 from automcm_spec.vocabulary import json_forms
-from automcm_spec.vocabulary.rules import RULES
+from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 
 if TYPE_CHECKING:
     from automcm_maintenance.verify.spec_mapping import Reference
@@ -172,7 +172,7 @@ class VerifyReport(Comparisons):
 
     def as_dict(self) -> dict[str, Any]:
         """The report for ``--json``."""
-        rules = self.coverage or graph_comparison.Coverage(by_test={})
+        rules = self.coverage or graph_comparison.Coverage()
         return {
             "ok": self.ok,
             "profile": self.profile,
@@ -191,7 +191,7 @@ class VerifyReport(Comparisons):
                 "divergences": self.divergences,
                 "rules_covered": sorted(rules.covered),
                 "rules_uncovered": rules.uncovered,
-                "rules_by_test": rules.by_test,
+                "rules_by_test": NO_GRAPH if self.coverage else {},
                 "behaviours_replayed": self.behaviours,
             },
             "compiled": {
@@ -314,15 +314,7 @@ def _errors(report: VerifyReport) -> Iterator[None]:
     """Failures of tools and inputs become errors of the report."""
     try:
         yield
-    except (
-        TlcError,
-        ToolError,
-        models.ModelError,
-        oracle.OracleError,
-        OSError,
-        NotLoaded,
-        *prove_commands.FAULTS,
-    ) as error:
+    except (ToolError, models.ModelError, oracle.OracleError, NotLoaded, *FAULTS) as error:
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")

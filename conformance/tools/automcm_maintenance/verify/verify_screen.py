@@ -173,7 +173,7 @@ def _comparison(report: VerifyReport, console: Console) -> None:
         missing = f", [red]not missed: {', '.join(rules.uncovered)}[/]" if rules.uncovered else ""
         console.print(
             f"Rules       {len(rules.covered)} of {total} missed when "
-            f"taken away{missing}; {len(rules.by_test)} shown by a test"
+            f"taken away{missing}; {len(NO_GRAPH)} shown by a test"
         )
     for text in [*map(explain, report.found), *report.behaviour_differences][:3]:
         _differs(console, text)

@@ -211,24 +211,22 @@ class _Writer:
         return "\n\n".join(lines)
 
     def _init(self, n: int, module: str) -> str:
-        def arguments(modules: Sequence[str]) -> list[str]:
+        def arguments(modules: Sequence[str]) -> dict[str, str]:
             constants = [c for c, m in self.spec.constants.items() if m in modules]
-            found = [f"{snake(c)}: {self.python(self.plan.constants[c])}" for c in constants]
+            found = {snake(c): self.python(self.plan.constants[c]) for c in constants}
             for name in self.plan.arguments:
                 operator = self.spec.operators[name]
                 if operator.at.module in modules:
                     t = self.python(self.types.signatures[name].result)
-                    found.append(f"{snake(name)}: {t} = {operator.body.name}")
+                    found[snake(name)] = f"{t} = {operator.body.name}"
             return found
 
-        own = [text.partition(":")[0] for text in arguments([module])]
-        all_ = arguments(self.modules[: n + 1])
-        given = [text.partition(":")[0] for text in arguments(self.modules[:n])]
+        own, given = arguments([module]), arguments(self.modules[:n])
+        all_ = [f"{name}: {t}" for name, t in arguments(self.modules[: n + 1]).items()]
         body = [f"super().__init__({', '.join(given)})"] if n else []
         body += [f"self.{name} = {name}" for name in own] or ([] if n else ["pass"])
-        return (
-            f"    def __init__({', '.join(['self', *all_])}) -> None:\n        "
-            + "\n        ".join(body)
+        return "\n        ".join(
+            [f"    def __init__({', '.join(['self', *all_])}) -> None:", *body]
         )
 
     def _method(self, operator: Operator) -> str:

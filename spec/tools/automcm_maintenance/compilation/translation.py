@@ -170,10 +170,9 @@ class Translator:
 
     def condition(self, node: Node, kind: str) -> str:
         """A truth value; its atomic conditions are marked."""
-        if node.op in AND or node.op in OR:
-            word = " and " if node.op in AND else " or "
-            parts = _flat(node, AND if node.op in AND else OR)
-            return "(" + word.join(self.condition(part, kind) for part in parts) + ")"
+        for ops, word in ((AND, " and "), (OR, " or ")):
+            if node.op in ops:
+                return f"({word.join(self.condition(part, kind) for part in _flat(node, ops))})"
         if node.op == "=>":
             first, second = (self.condition(arg, kind) for arg in node.args)
             return f"((not {first}) or {second})"
@@ -212,13 +211,10 @@ class Translator:
         match op:
             case "number":
                 return node.name
+            case "string" if RULE.fullmatch(node.name):
+                return self._mark(node, "rule", node.name, repr(node.name))
             case "string":
-                quoted = repr(node.name)
-                return (
-                    self._mark(node, "rule", node.name, quoted)
-                    if RULE.fullmatch(node.name)
-                    else quoted
-                )
+                return repr(node.name)
             case "TRUE" | "FALSE":
                 return op.capitalize()
             case "BOOLEAN":
@@ -257,9 +253,7 @@ class Translator:
             case "$SetEnumerate":
                 items = ", ".join(map(self.expression, args))
                 return f"frozenset({{{items}}})" if items else "EMPTY"
-            case "$SetOfAll":
-                return f"frozenset({{{self._each(node)}}})"
-            case "$SubsetOf":
+            case "$SetOfAll" | "$SubsetOf":
                 return f"frozenset({{{self._each(node)}}})"
             case "UNION" if args[0].op == "$SetEnumerate" and args[0].args:
                 return "(" + " | ".join(map(self.expression, args[0].args)) + ")"
@@ -313,10 +307,9 @@ class Translator:
         )
 
     def _record(self, node: Node) -> str:
-        names = [pair.args[0].name for pair in node.args]
-        values = (self.expression(pair.args[1]) for pair in node.args)
-        both = zip(map(local, names), values, strict=True)
-        return f"{self.types.made[node.at]}({', '.join(f'{name}={value}' for name, value in both)})"
+        pairs = [pair.args for pair in node.args]
+        fields = [f"{local(name.name)}={self.expression(value)}" for name, value in pairs]
+        return f"{self.types.made[node.at]}({', '.join(fields)})"
 
     def _except(self, node: Node) -> str:
         base = self.expression(node.args[0])

@@ -10,6 +10,7 @@ import copy
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -216,11 +217,7 @@ def bases_among(logs: Sequence[bytes]) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     for text in sorted(logs, key=len):
         for name, (ev, fields) in WANTED.items():
-            if name in found:
-                continue
-            try:
-                EditedLog(text).find(ev, **fields)
-            except LookupError:
-                continue
-            found[name] = text
+            with suppress(LookupError):
+                if name not in found and EditedLog(text).find(ev, **fields):
+                    found[name] = text
     return found

@@ -208,20 +208,20 @@ class ModelGraph:
 
     def _nearest(self, at: int, missing: set[Transition]) -> Walk | None:
         """The shortest walk from a node to a missing transition; None if there is none."""
-        came: dict[int, tuple[int, Key, int] | None] = {at: None}
-        queue = deque([at])
+        seen = {at}
+        queue: deque[tuple[int, Walk]] = deque([(at, [])])
         while queue:
-            n = queue.popleft()
+            n, walk = queue.popleft()
             node = self.nodes[n]
             for key, target in node.steps.items():
                 if node.transition(key) in missing:
-                    return [*_way(came, n), (n, key, target)]
+                    return [*walk, (n, key, target)]
             if any(node.transition(key) in missing for key in node.idle):
-                return _way(came, n)
+                return walk
             for key, target in node.steps.items():
-                if target not in came:
-                    came[target] = (n, key, target)
-                    queue.append(target)
+                if target not in seen:
+                    seen.add(target)
+                    queue.append((target, [*walk, (n, key, target)]))
         return None
 
     def logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
@@ -248,14 +248,6 @@ class ModelGraph:
     def _move(self, source: int, key: Key, target: int) -> Move:
         one, two = self.nodes[source], self.nodes[target]
         return Move(*key, one.st, two.st, one.net, two.net)
-
-
-def _way(came: dict[int, tuple[int, Key, int] | None], n: int) -> Walk:
-    way = []
-    while (step := came[n]) is not None:
-        way.append(step)
-        n = step[0]
-    return way[::-1]
 
 
 def _node(line: str) -> ModelNode:
