@@ -17,7 +17,7 @@ from automcm.applications.vehicle import STEP_S, Driving
 from automcm_evaluation.comfort import comfort_courses as courses
 from automcm_evaluation.comfort import comfort_tables
 from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
-from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, Tracks, distance
+from automcm_evaluation.comfort.comfort_measures import HARD, Tracks, distance
 from automcm_evaluation.framework.experiment import ExperimentSettings, Values, grid
 from automcm_simulation.road.drive import FourVehicles
 from automcm_spec.vocabulary.parameters import Parameters
@@ -120,10 +120,10 @@ def cost(found: Tracks, alone: Tracks, needed: dict[int, tuple[float, float]]) -
     values: Values = {
         "drives": 1,
         "moved": int(moved),
-        "touched": int(any(d.gap < 0 for d in near)),
+        "touched": int(any(gap < 0 for gap, _ in near)),
         "hard": int(any(found[n].braking > HARD for n in (PRESCRIBER, B, C))),
-        "gap_m": min(d.gap for d in near),
-        "ttc_s": min(FAR_S if d.collision_s is None else d.collision_s for d in near),
+        "gap_m": min(gap for gap, _ in near),
+        "ttc_s": min(ttc for _, ttc in near),
     }
     for name, n in (("prescriber", PRESCRIBER), ("B", B), ("C", C)):
         track = found[n]
@@ -145,7 +145,7 @@ def fig6(setting: ComfortSetting) -> Values:
     begin, end = int(moving[0]), int(moving[-1]) + 1
     steps = slice(0, round(DRAWN_S / STEP_S), DRAWN_STEPS)
     behind = {n: found[n].first_slower(alone[n]) for n in (A, B, C)}
-    gap = distance(C, found).gap
+    gap, _ = distance(C, found)
     return {
         "x_m": {str(n): np.round(found[n].x[steps], 2).tolist() for n in found},
         "speed": {str(n): np.round(found[n].speed[steps], 3).tolist() for n in found},

@@ -76,17 +76,9 @@ def tracks(samples: Sequence[Sample]) -> Tracks:
     return found
 
 
-@dataclass(frozen=True)
-class Distance:
-    """To the one ahead that is in the way: the smallest gap from bumper to bumper, m (negative:
-    they touched), and the smallest time to collision, s (None: never below FAR_S)."""
-
-    gap: float
-    collision_s: float | None
-
-
-def distance(of: int, found: Tracks) -> Distance:
-    """The gap of one vehicle to the next one ahead at each time."""
+def distance(of: int, found: Tracks) -> tuple[float, float]:
+    """To the next one ahead that is in the way: the smallest gap from bumper to bumper, m
+    (negative: they touched), and the smallest time to collision, s, at most FAR_S."""
     me = found[of]
     gaps, speeds = [], []
     for station_id, other in found.items():
@@ -100,5 +92,4 @@ def distance(of: int, found: Tracks) -> Distance:
     closing = me.speed - np.array(speeds)[next_, columns]
     towards = (closing > 0) & np.isfinite(gap)
     times = np.maximum(gap[towards], 0) / closing[towards]
-    nearest = float(times.min()) if len(times) else FAR_S
-    return Distance(float(gap.min()), nearest if nearest < FAR_S else None)
+    return float(gap.min()), float(times.min(initial=FAR_S))

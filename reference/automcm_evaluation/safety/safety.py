@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -90,7 +89,9 @@ def run(values: Values, seed: int) -> Values:
         return safety_road.run(values, seeds)
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     b = bound_ms(ablation.parameters, values["delay_ms"])
-    found = together([outcome(drive(values, one), b) for one in seeds], seeds, b)
+    outcomes = [outcome(drive(values, one), b) for one in seeds]
+    found = met(seeds, [each.pop("hazards") for each in outcomes], b)
+    found |= {name: sum(each[name] for each in outcomes) for name in outcomes[0]}
     if values["part"] == "classes":
         formula, ms = class_bound(values, ablation)
         found |= {"class_bound": formula, "class_bound_ms": ms}
@@ -116,21 +117,9 @@ def class_bound(values: Values, ablation: Ablation) -> tuple[str, int]:
     return formula, sum(ms[symbol] for symbol in formula.split(" + "))
 
 
-@dataclass(frozen=True, slots=True)
-class SafetyPlan:
-    """The random choices of a run."""
-
-    loss: float
-    faults: list[Injected]
-    maneuver_ms: int
-    refuses: int
-    again_ms: int = 0
-    """The time at which the prescriber requests another maneuver; 0: never."""
-
-
-def planned(values: Values, draw: random.Random) -> SafetyPlan:
-    """Faults and applications of one run."""
-    part = values["part"]
+def drive(values: Values, seed: int, logs: Path | None = None) -> Watched:
+    """One run of a cell without a road, to its end; ``seed`` draws faults and applications."""
+    draw, part = random.Random(seed), values["part"]
     loss = values["loss"] if part == "faults" else 0.0
     if part == "mechanisms":
         loss = draw.choice(LOSSES)
@@ -140,43 +129,44 @@ def planned(values: Values, draw: random.Random) -> SafetyPlan:
     else:
         kinds = [values["fault"]] if values["fault"] != NOTHING else []
     faults = drawn(kinds, WINDOW_MS, draw)
-    return SafetyPlan(
-        loss=loss,
-        faults=faults,
-        maneuver_ms=10 * LONGEST_MS if draw.random() < NEVER_ENDS else draw.randint(*MANEUVER_MS),
-        refuses=int(draw.random() < REFUSES),
-        again_ms=draw.randint(*WINDOW_MS) if draw.random() < ASKS_AGAIN else 0,
-    )
-
-
-def drive(values: Values, seed: int, logs: Path | None = None) -> Watched:
-    """One run of a cell without a road, to its end."""
-    ablation = BY_NAME[values.get("ablation", WHOLE.name)]
-    plan = planned(values, random.Random(seed))
-    channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
+    maneuver_ms = 10 * LONGEST_MS if draw.random() < NEVER_ENDS else draw.randint(*MANEUVER_MS)
+    refuses = int(draw.random() < REFUSES)
+    again_ms = draw.randint(*WINDOW_MS) if draw.random() < ASKS_AGAIN else 0
+    channel = Channel(loss=loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
     watched = Watched(seed=seed, channel=channel, logs=logs)
+    ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     with ablation.applied():
-        simulate(watched, plan, ablation.parameters)
+        simulate(watched, ablation.parameters, faults, maneuver_ms, refuses, again_ms)
     return watched
 
 
-def simulate(watched: Watched, plan: SafetyPlan, parameters: Parameters) -> None:
-    """Run a prescriber, its target, and optionally a second prescriber, until all are idle."""
+def simulate(
+    watched: Watched,
+    parameters: Parameters,
+    faults: Sequence[Injected],
+    maneuver_ms: int,
+    refuses: int = 0,
+    again_ms: int = 0,
+) -> None:
+    """Run a prescriber, its target, and optionally a second prescriber, until all are idle.
+
+    ``again_ms``: the time at which the prescriber requests another maneuver; 0: never.
+    """
     ids = [ROLES.prescriber, ROLES.target]
-    if any(fault.kind == "second prescriber" for fault in plan.faults):
+    if any(fault.kind == "second prescriber" for fault in faults):
         ids.append(ROLES.second)
     for station_id in ids:
         driver = Straight(
             target=ROLES.target,
-            maneuver_ms=plan.maneuver_ms,
+            maneuver_ms=maneuver_ms,
             lease_ms=LEASE_MS,
-            refuse_first=plan.refuses,
+            refuse_first=refuses,
         )
         watched.add(station_id, driver, parameters)
     watched.request(ROLES.prescriber, REQUEST_MS)
-    if plan.again_ms:
-        watched.request(ROLES.prescriber, plan.again_ms)
-    last = max(inject(plan.faults, watched, ROLES), plan.again_ms, REQUEST_MS)
+    if again_ms:
+        watched.request(ROLES.prescriber, again_ms)
+    last = max(inject(faults, watched, ROLES), again_ms, REQUEST_MS)
     watched.clock.run(last + 1)
     while not watched.idle and watched.clock.now() < LONGEST_MS:
         watched.clock.run(watched.clock.now() + 500)
@@ -198,10 +188,3 @@ def outcome(watched: Watched, b: int) -> Values:
         "in_vain": len(watched.completed - watched.finished),
         "stuck": not watched.idle,
     }
-
-
-def together(outcomes: Sequence[Values], seeds: Sequence[int], b: int) -> Values:
-    """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
-    counted = [name for name in outcomes[0] if name != "hazards"]
-    counts = {name: sum(each[name] for each in outcomes) for name in counted}
-    return met(seeds, [each["hazards"] for each in outcomes], b) | counts

@@ -37,12 +37,12 @@ def test_braking_jerk_and_way_lost() -> None:
 def test_distance_is_to_who_is_next_ahead_and_in_the_way() -> None:
     me = track([10.0] * 10)
     found = {1: me, 2: track([5.0] * 10, x=24.5), 3: track([0.0] * 10, x=15.0, y=3.5)}
-    d = distance(1, found)
-    assert d.gap == pytest.approx(24.5 - 4.5 - 5.0 * 0.1 * 10, abs=0.01)
-    assert d.collision_s == pytest.approx(d.gap / 5.0)
-    assert distance(2, found).gap == np.inf
+    gap, collision_s = distance(1, found)
+    assert gap == pytest.approx(24.5 - 4.5 - 5.0 * 0.1 * 10, abs=0.01)
+    assert collision_s == pytest.approx(gap / 5.0)
+    assert distance(2, found) == (np.inf, FAR_S)
     faster = found | {2: track([11.0] * 10, x=24.5)}
-    assert distance(1, faster).collision_s is None
+    assert distance(1, faster)[1] == FAR_S
 
 
 # -- courses

@@ -40,12 +40,11 @@ def simulate(
     prepare: Any = lambda watched: None,
 ) -> Watched:
     """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
-    plan = safety.SafetyPlan(loss, faults, maneuver_ms, 0, 0)
     channel = Channel(loss=loss, duplicate=0.1)
     watched = Watched(seed=seed, channel=channel, logs=logs)
     prepare(watched)
     with ablation.applied():
-        safety.simulate(watched, plan, ablation.parameters)
+        safety.simulate(watched, ablation.parameters, faults, maneuver_ms)
     return watched
 
 
