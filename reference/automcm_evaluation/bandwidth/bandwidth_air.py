@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import partial
 
 from automcm.applications.lane_change import PaperLaneChange
 from automcm.applications.planning import intention
@@ -140,11 +140,6 @@ def offered(src: int, planned: Trajectory) -> Intention:
     return Intention(src=src, session=(src, 1), seq=1, planned=planned)
 
 
-@cache
-def _offered_52() -> MessageBytes:
-    return measured(on_air(offered(1, Trajectory(t0=0, points=((0, 0, 0),))), POINTS))
-
-
 def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[PaperLaneChange]:
     """Prescribers, each just ahead of one of the receivers, which drive in a row in the other lane.
 
@@ -167,15 +162,11 @@ class Recorded:
 
     drive: SimulatedDrive
     air: RecordingCodec
+    vehicles: int
     offers: list[Sent] = field(default_factory=list)
     """One for each vehicle and OFFER_MS; it stands for all of that time."""
     planned: Trajectory | None = None
     """The last one offered."""
-
-    @property
-    def vehicles(self) -> int:
-        """The number of vehicles."""
-        return len(self.drive.drivers)
 
 
 def record(
@@ -192,27 +183,20 @@ def record(
     drive = SimulatedDrive(
         drivers, seed=seed, channel=Channel(loss=loss), parameters=parameters, codec=air
     )
-    recorded = Recorded(drive, air)
+    recorded = Recorded(drive, air, len(drivers))
     clock = drive.simulation.clock
     air.now = clock.now
     end = SIGNAL_MS + MANEUVER_MS * len(beside)
 
-    def signal(prescriber: PaperLaneChange) -> Callable[[], None]:
-        return lambda: prescriber.signal(1)
-
     def offer() -> None:
         for driver in drivers:
             src = driver.vehicle.station_id
-            planned = intention(driver.vehicle, clock.now())
-            forms = {
-                "sent": measured(on_air(offered(src, planned))),
-                "52 points": _offered_52(),
-            }
-            recorded.planned = planned
+            recorded.planned = intention(driver.vehicle, clock.now())
+            forms = in_forms(offered(src, recorded.planned))
             recorded.offers.append(Sent(clock.now(), src, "always-on", 0, forms))
 
     for n in range(len(beside)):
-        clock.at(SIGNAL_MS + n * MANEUVER_MS, signal(drivers[n]))
+        clock.at(SIGNAL_MS + n * MANEUVER_MS, partial(drivers[n].signal, 1))
     for ms in range(0, end, OFFER_MS):
         clock.at(ms, offer)
     drive.run(end / 1000)
