@@ -141,12 +141,12 @@ def chosen(cells: Sequence[Cell], **values: Json) -> list[Cell]:
     return [cell for cell in cells if all(cell.values.get(name) == v for name, v in values.items())]
 
 
-def groups(cells: Sequence[Cell], *names: str) -> dict[tuple[Any, ...], list[Cell]]:
-    """The cells by their values of these names, in order of the values."""
+def groups(cells: Sequence[Cell], *names: str) -> list[tuple[Values, list[Cell]]]:
+    """The cells by their values of these names, which each group has as a row, in their order."""
     found: dict[tuple[Any, ...], list[Cell]] = defaultdict(list)
     for cell in cells:
         found[tuple(cell.values[name] for name in names)].append(cell)
-    return dict(sorted(found.items()))
+    return [(dict(zip(names, key, strict=True)), some) for key, some in sorted(found.items())]
 
 
 def share(agreed: int, trials: int, digits: int = 6) -> Values:

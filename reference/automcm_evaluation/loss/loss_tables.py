@@ -82,7 +82,7 @@ def knees(points: Sequence[tuple[float, float]]) -> Values:
 
 def by_loss(cells: Sequence[Cell]) -> list[Values]:
     """The share that agrees at each loss."""
-    return [{"loss": loss} | agreed_share(some) for (loss,), some in groups(cells, "loss").items()]
+    return [row | agreed_share(some) for row, some in groups(cells, "loss")]
 
 
 def summary(cells: Sequence[Cell]) -> Values:
@@ -94,21 +94,18 @@ def summary(cells: Sequence[Cell]) -> Values:
         points = by_loss([c for c in own if c.values["part"] in ("tens", "fine")])
         for p in points:
             p |= {name: round(model(p["loss"] / 100, t), 6) for name, model in MODELS.items()}
-        road = groups(chosen(own, part="road"), "loss")
-        drives = [classes(loss, some) for (loss,), some in road.items()]
+        drives = [classes(some) for _, some in groups(chosen(own, part="road"), "loss")]
         found["points"][str(t)], found["road"][str(t)] = points, drives
         found["knees"][str(t)] = {
             "measured": knees([(p["loss"], p["share"]) for p in points]),
             "completed": knees([(r["loss"], r["completed"] / r["trials"]) for r in drives]),
         } | {n: knees([(x / 10, f(x / 1000, t)) for x in range(1001)]) for n, f in MODELS.items()}
-    bursts = chosen(cells, part="bursts")
-    for name, some, table in (
-        ("bursts", bursts, by_loss),
-        ("road_bursts", chosen(cells, part="road bursts"), lambda own: classes(ROBUST, own)),
-    ):
+    bursts = dict.fromkeys(c.values["burst_ms"] for c in chosen(cells, part="bursts"))
+    for name, table in (("bursts", by_loss), ("road_bursts", classes)):
+        own = chosen(cells, part=name.replace("_", " "))
         found[name] = {
-            str(ms): {str(t): table(chosen(some, burst_ms=ms, t_timeout=t)) for t in T_TIMEOUTS}
-            for ms in dict.fromkeys(cell.values["burst_ms"] for cell in bursts)
+            str(ms): {str(t): table(chosen(own, burst_ms=ms, t_timeout=t)) for t in T_TIMEOUTS}
+            for ms in bursts
         }
     found["deviation"] = {}
     for name in MODELS:
@@ -128,12 +125,12 @@ def summary(cells: Sequence[Cell]) -> Values:
     return found
 
 
-def classes(loss: int, cells: Sequence[Cell]) -> Values:
+def classes(cells: Sequence[Cell]) -> Values:
     """The number of drives by their class of Fig. 9."""
     times = [t for cell in cells for t in cell.result["arrival_s"]]
     limits = [-math.inf, *CLASSES_S, math.inf]
     return {
-        "loss": loss,
+        "loss": cells[0].values.get("loss", 0),
         "trials": len(times),
         "classes": [sum(low < t <= high for t in times) for low, high in pairwise(limits)],
         "mean_s": round(mean(times), 3),
@@ -144,7 +141,7 @@ def cost(cells: Sequence[Cell]) -> list[Values]:
     """By t_timeout and loss: messages sent for each agreement, those of failures included, and
     the time from request to agreement, on average and in 95 %; None without agreement."""
     found = []
-    for (t, loss), some in groups(cells, "t_timeout", "loss").items():
+    for row, some in groups(cells, "t_timeout", "loss"):
         of = agreed_share(some)
         sent, took = (sum(c.result[name] for c in some) for name in ("sent", "agreed_ms"))
         counts: Counter[int] = Counter()
@@ -153,7 +150,7 @@ def cost(cells: Sequence[Cell]) -> list[Values]:
         times = sorted(counts.elements())
         last = times[math.ceil(0.95 * of["agreed"]) - 1] if times else None
         found.append(
-            {"t_timeout": t, "loss": loss}
+            row
             | of
             | {
                 "messages": round(sent / of["agreed"], 2) if times else None,

@@ -96,17 +96,14 @@ def summary(cells: Sequence[Cell]) -> Values:
             }
         )
     sessions = [
-        {"t_timeout": t_timeout, "load": load, "distance_m": distance}
+        row
         | agreed_share(some, 5)
         | {n: round(mean([c.result[n] for c in some]), 5) for n in ("loss", *MODELS)}
-        for (t_timeout, load, distance), some in groups(
-            chosen(cells, part="sessions"), "t_timeout", "load", "distance_m"
-        ).items()
+        for row, some in groups(chosen(cells, part="sessions"), "t_timeout", "load", "distance_m")
     ]
     road = [
-        {"t_timeout": cell.values["t_timeout"], "distance_m": cell.values["distance_m"]}
-        | classes(0, [cell])
-        for cell in chosen(cells, part="road")
+        row | classes(some)
+        for row, some in groups(chosen(cells, part="road"), "t_timeout", "distance_m")
     ]
     return {
         "fit": fit,

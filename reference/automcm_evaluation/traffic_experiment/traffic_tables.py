@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean as mean
 
 from automcm.applications.occupancy import HARDEST
-from automcm_evaluation.framework.experiment import Cell, Values, chosen, data, groups
+from automcm_evaluation.framework.experiment import Cell, Values, canonical, chosen, data, groups
 from automcm_evaluation.framework.intervals import quantile
 from automcm_evaluation.traffic_experiment.crowd_sessions import PER_KM
 from automcm_evaluation.traffic_experiment.traffic_cell import ALONE, VARIANTS
@@ -77,12 +77,11 @@ def _spread(values: Sequence[float | None]) -> list[float] | None:
 
 
 def _road(runs: Sequence[Cell]) -> list[Values]:
-    names = ("scenario", "per_km", "share", "variant")
     found = []
-    for key, some in groups(runs, *names).items():
+    for row, some in groups(runs, "scenario", "per_km", "share", "variant"):
         results = [cell.result for cell in some]
         found.append(
-            dict(zip(names, key, strict=True))
+            row
             | {"seeds": len(some), "vehicles": results[0]["vehicles"]}
             | {name: _spread([of(r) for r in results]) for name, of in MEASURES.items()}
             | {
@@ -101,25 +100,21 @@ def _road(runs: Sequence[Cell]) -> list[Values]:
 
 def _paired(runs: Sequence[Cell]) -> list[Values]:
     """The travel time with stations beside that of the same road users without, in per cent."""
-    found = []
-    place = ("scenario", "per_km", "seed", "metres", "seconds")
-    alike = groups(runs, "variant", "share", *place)
-    stations = chosen(runs, variant="stations")
-    alone = groups(stations, "scenario", "per_km", "share")
-    for (scenario, per_km, share), some in alone.items():
-        row: Values = {"scenario": scenario, "per_km": per_km, "share": share, "seeds": len(some)}
+    by_values = {canonical(cell.values): cell.result for cell in runs}
+    found = groups(chosen(runs, variant="stations"), "scenario", "per_km", "share")
+    for row, some in found:
+        row["seeds"] = len(some)
         for other in OTHERS:
             differences = []
-            of = share if other == "silent" else 0.0
+            drivers = {"variant": other, "share": row["share"] if other == "silent" else 0.0}
             for cell in some:
-                key = (other, of, *(cell.values[name] for name in place))
-                for beside in alike.get(key, []):
-                    ratio = cell.result["s_per_km"] / beside.result["s_per_km"]
+                beside = by_values.get(canonical(cell.values | drivers))
+                if beside is not None:
+                    ratio = cell.result["s_per_km"] / beside["s_per_km"]
                     differences.append(100 * (ratio - 1))
             row[other] = _spread(differences)
             row[f"faster_{other}"] = sum(d < 0 for d in differences)
-        found.append(row)
-    return found
+    return [row for row, _ in found]
 
 
 def _near(runs: Sequence[Cell]) -> dict[str, Values]:
@@ -174,16 +169,15 @@ def _hazards(cells: Sequence[Cell]) -> Values:
 
 def _all_ask(crowds: Sequence[Cell]) -> list[Values]:
     found = []
-    for (spread_ms, stations), some in groups(crowds, "spread_ms", "stations").items():
+    for row, some in groups(crowds, "spread_ms", "stations"):
         agreed = sum(cell.result["agreed"] for cell in some)
         known = [c.result["median_ms"] for c in some if c.result["median_ms"] is not None]
         found.append(
-            {
-                "spread_ms": spread_ms,
-                "stations": stations,
+            row
+            | {
                 "crowds": len(some),
                 "run_ms": some[0].values["run_ms"],
-                "of": stations * len(some),
+                "of": row["stations"] * len(some),
                 "requested": sum(cell.result["requested"] for cell in some),
                 "first": sum(cell.result["first"] for cell in some),
                 "agreed": agreed,

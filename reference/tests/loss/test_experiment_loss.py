@@ -66,4 +66,4 @@ def test_four_messages_by_counting(n: int) -> None:
 def test_a_class_of_fig_9_ends_with_its_limit() -> None:
     result = {n: [0] * 5 for n in ("agreed", "completed", "stopped")}
     cell = Cell({}, result | {"arrival_s": [29.0, 29.001, 30.0, 31.0, 31.001]})
-    assert classes(50, [cell])["classes"] == [1, 2, 1, 1]
+    assert classes([cell])["classes"] == [1, 2, 1, 1]
