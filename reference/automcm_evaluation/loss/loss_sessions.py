@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable
 from random import Random
+from typing import NamedTuple
 
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.simulated_radio import Channel
-from automcm.service.application import CloseWindow
 from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Values
 from automcm_simulation.road.simulation import Simulation
@@ -22,8 +21,7 @@ BIN_MS = 100
 """Bin width of the histogram of times."""
 
 
-@dataclass(frozen=True, slots=True)
-class SessionOutcome:
+class SessionOutcome(NamedTuple):
     """The outcome of one session: whether both stations act, the time of that or of the end, and
     the messages sent up to the end of that STEP_MS."""
 
@@ -33,11 +31,9 @@ class SessionOutcome:
     """The number of messages without CAMs."""
 
 
-def until_agreed(simulation: Simulation, parameters: Parameters) -> tuple[str, int]:
-    """Adds a prescriber, 1, and an accepting receiver, 2, and runs one session of theirs.
-
-    Returns the phase in which the prescriber is then, ACTUATING or STANDALONE, and since when, ms.
-    """
+def session(simulation: Simulation, t_timeout: int) -> SessionOutcome:
+    """Adds a prescriber, 1, and an accepting receiver, 2, and runs one session of theirs, from the
+    request on, until the prescriber is in ACTUATING or back in STANDALONE."""
     ends: list[tuple[str, int]] = []
 
     def observe(before: State, effects: Effects) -> None:
@@ -48,7 +44,7 @@ def until_agreed(simulation: Simulation, parameters: Parameters) -> tuple[str, i
         simulation.add(
             station_id,
             Straight(concerned_by_all=station_id == 2, think_ms=1),
-            parameters,
+            Parameters(t_timeout=t_timeout),  # CAMs too: a receiver acts first (NEG-2, ACT-2)
             observers=(observe,) if station_id == 1 else (),
         )
     simulation.request(1, 0)
@@ -56,28 +52,15 @@ def until_agreed(simulation: Simulation, parameters: Parameters) -> tuple[str, i
     while not ends:
         until += STEP_MS
         simulation.run(until)
-    return ends[0]
-
-
-def session(
-    t_timeout: int, channel: Channel, seed: int, close_window: CloseWindow | None = None
-) -> SessionOutcome:
-    """One session of a prescriber and an accepting receiver, from the request on.
-
-    ``close_window`` is as in ``McService``; the paper's window has a fixed length.
-    """
-    service = partial(McService, close_window=close_window)
-    simulation = Simulation(seed=seed, channel=channel, service=service)
-    parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
-    phase, at = until_agreed(simulation, parameters)
+    phase, at = ends[0]
     # S-3: a prescriber acts only on an Acceptance that its target, then committed, has sent.
-    sent = sum(
-        n
-        for service in simulation.services.values()
-        for kind, n in service.statistics.sent.items()
-        if kind != "CAM"
-    )
-    return SessionOutcome(phase == "ACTUATING", at, sent)
+    return SessionOutcome(phase == "ACTUATING", at, messages(simulation.services.values()))
+
+
+def messages(services: Iterable[McService]) -> int:
+    """The number of messages that these have sent, without CAMs."""
+    sent = [service.statistics.sent for service in services]
+    return sum(each.total() - each["CAM"] for each in sent)
 
 
 def block(values: Values, seed: int) -> Values:
@@ -88,7 +71,8 @@ def block(values: Values, seed: int) -> Values:
     bins: Counter[int] = Counter()
     agreed_ms = sent = 0
     for _ in range(values["trials"]):
-        one = session(values["t_timeout"], channel, random.getrandbits(31))
+        simulation = Simulation(seed=random.getrandbits(31), channel=channel)
+        one = session(simulation, values["t_timeout"])
         sent += one.sent
         if one.agreed:
             agreed_ms += one.after_ms

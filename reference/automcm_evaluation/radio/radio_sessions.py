@@ -8,12 +8,11 @@ from statistics import fmean as mean
 from automcm.links.link import Link
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.loss import loss_road
-from automcm_evaluation.loss.loss_sessions import until_agreed
+from automcm_evaluation.loss.loss_sessions import session
 from automcm_evaluation.loss.loss_tables import four_messages, three_exchanges
 from automcm_simulation.radio.radio_link import RadioLinks
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_simulation.road.simulation import Simulation
-from automcm_spec.vocabulary.parameters import Parameters
 
 SAMPLES = 2000
 """States of the channel over which a model is averaged."""
@@ -49,13 +48,6 @@ class OverRadio(Simulation):
         return found
 
 
-def session(t_timeout: int, seed: int, *, apart_m: float, load: float) -> bool:
-    """Whether a prescriber and an accepting receiver agree."""
-    simulation = OverRadio(seed=seed, apart_m=apart_m, load=load)
-    phase, _ = until_agreed(simulation, Parameters(t_timeout=t_timeout))
-    return phase == "ACTUATING"
-
-
 def models(t_timeout: int, seed: int, *, apart_m: float, load: float) -> Values:
     """The mean ``loss`` of a CAM, and what the models of a session expect: with this loss for
     every copy (``even``), and with that of each state of the channel, which lasts as long as the
@@ -78,7 +70,7 @@ def block(values: Values, seed: int) -> Values:
     random = Random(seed)
     where = {"apart_m": values["distance_m"], "load": values["load"]}
     agreed = sum(
-        session(values["t_timeout"], random.getrandbits(31), **where)
+        session(OverRadio(seed=random.getrandbits(31), **where), values["t_timeout"]).agreed
         for _ in range(values["trials"])
     )
     return {"agreed": agreed} | models(values["t_timeout"], seed % 2**31, **where)

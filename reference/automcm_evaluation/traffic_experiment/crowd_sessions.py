@@ -11,6 +11,7 @@ from automcm.applications.vehicle import LANE_WIDTH
 from automcm.service.application import AgreedManeuver, Choice, CloseWindow, all_answered
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.framework.intervals import quantile
+from automcm_evaluation.loss.loss_sessions import messages
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_simulation.road.hazard_measures import bound_ms, met
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
@@ -96,7 +97,7 @@ def answers(values: Values, seed: int) -> Values:
     crowd = Crowd(values["receivers"] + 1, seed % 2**31, all_answered if values["early"] else None)
     own = crowd.applications[asker]
     crowd.run(SETTLED_MS)
-    before = _messages(crowd)
+    before = messages(crowd.services.values())
     crowd.services[asker].command(LANE_CHANGE)
     free_ms = None
     while crowd.clock.now() < values["run_ms"]:
@@ -115,15 +116,9 @@ def answers(values: Values, seed: int) -> Values:
         "chose_ms": after(own.chose_ms),
         "agreed_ms": after(own.agreed_ms),
         "free_ms": after(free_ms),
-        "messages": _messages(crowd) - before,
+        "messages": messages(crowd.services.values()) - before,
         "busy": round(crowd.links.radio.channel_busy_ratio(asker), 3),
     }
-
-
-def _messages(crowd: Crowd) -> int:
-    """The messages sent, without CAMs."""
-    sent = [service.statistics.sent for service in crowd.services.values()]
-    return sum(sum(each.values()) - each["CAM"] for each in sent)
 
 
 def all_ask(values: Values, seed: int) -> Values:

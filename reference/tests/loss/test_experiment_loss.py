@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from automcm.links.simulated_radio import Channel
 from automcm_evaluation.framework.experiment import Cell
 from automcm_evaluation.loss import loss_sessions
 from automcm_evaluation.loss.loss_tables import (
@@ -18,6 +17,7 @@ from automcm_evaluation.loss.loss_tables import (
     one_message,
     three_exchanges,
 )
+from automcm_simulation.road.simulation import Simulation
 
 Json = Any
 
@@ -26,7 +26,7 @@ Json = Any
 
 
 def test_a_session_without_loss_takes_the_window_and_what_is_sent_in_it() -> None:
-    found = loss_sessions.session(1000, Channel(), 1)
+    found = loss_sessions.session(Simulation(seed=1), 1000)
     assert found.agreed and 1100 <= found.after_ms <= 1300
     assert found.sent == 11 + 3 * 2, "Advertisements; Intention, Prescription, Acceptance; Acks"
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from random import Random
 from statistics import fmean
 
@@ -10,8 +11,10 @@ import pytest
 
 from automcm.links.simulated_radio import Channel
 from automcm.service.application import CloseWindow, all_answered
+from automcm.service.service import McService
 from automcm_evaluation.loss.loss_sessions import session
 from automcm_maintenance.benches.plugin import Figure
+from automcm_simulation.road.simulation import Simulation
 
 SESSIONS, T_TIMEOUT = 200, 2000
 """At each loss; the default, in ms."""
@@ -23,7 +26,11 @@ losses = pytest.mark.parametrize("loss", [0, 10, 20, 40])
 def mean(loss: int, close: CloseWindow | None, of: str) -> float:
     """Of the sessions that agree, with equal seeds at a loss in per cent."""
     draw, channel = Random(1), Channel(loss=loss / 100)
-    made = [session(T_TIMEOUT, channel, draw.getrandbits(31), close) for _ in range(SESSIONS)]
+    service = partial(McService, close_window=close)
+    made = (
+        session(Simulation(seed=draw.getrandbits(31), channel=channel, service=service), T_TIMEOUT)
+        for _ in range(SESSIONS)
+    )
     return fmean(getattr(each, of) for each in made if each.agreed)
 
 
