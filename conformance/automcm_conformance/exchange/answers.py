@@ -49,14 +49,12 @@ def differences(expected: Required, line: bytes) -> list[Problem]:
         text = f"deadline: expected {due}{timer}, got {found}"
         problems.append(Problem("deadline", text, f"deadline of {expected.timer or 'no timer'}"))
     for cam in answer.cams if expected.marks else ():
-        problems += _marks(expected, cam)
+        marks, due = cam.get("marks"), cam["generation_ms"]
+        wanted = _marks_at(expected, due)
+        if not any(are_marks(each, marks) for each in wanted):
+            text = f"CAM.marks: expected {wanted[0]} at {due} ms, got {marks}"
+            problems.append(Problem("cams", text, MARKS))
     return problems
-
-
-def _marked(expected: Required, cam: dict[str, Json]) -> bool:
-    return not expected.marks or any(
-        are_marks(wanted, cam.get("marks")) for wanted in _marks_at(expected, cam["generation_ms"])
-    )
 
 
 def _marks_at(expected: Required, due: int) -> list[Json]:
@@ -202,14 +200,6 @@ def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[P
                 text = f"{one['name']}.{name}: expected {to_json(value).decode()}, got {got}"
                 return [Problem("indications", text, f"{one['name']}.{name}")]
     return []
-
-
-def _marks(expected: Required, cam: dict[str, Json]) -> list[Problem]:
-    if _marked(expected, cam):
-        return []
-    wanted, due = _marks_at(expected, cam["generation_ms"])[0], cam["generation_ms"]
-    text = f"CAM.marks: expected {wanted} at {due} ms, got {cam.get('marks')}"
-    return [Problem("cams", text, MARKS)]
 
 
 def are_marks(wanted: list[Json], found: Json) -> bool:

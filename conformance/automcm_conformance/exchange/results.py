@@ -27,6 +27,7 @@ INTERRUPTED = "interrupted"
 BROKE = "the kit broke"
 """The beginning of a problem that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
+LEVELS: tuple[Level, ...] = get_args(Level)
 
 
 def _share(pair: list[int]) -> list[int]:

@@ -216,7 +216,7 @@ class LiveRun:
     def in_virtual_time(self, adapter: Adapter, case: LiveCase) -> str | None:
         """The failure of a case with an adapter; empty if it passes, None if that cannot be
         decided."""
-        given = fitting(self.parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
+        given = fitting(self.parameters, adapter.hello.fixed)
         x = Exchange(self.oracle, adapter, given, scenario=adapter.hello.scenarios[0])
         try:
             scripted.play(x, case.script, case.lease_ms)

@@ -64,7 +64,7 @@ class Survey:
         if self.backoffs:
             found["backoff_min"] = min(found["backoff_min"], *self.backoffs)
             found["backoff_max"] = max(found["backoff_max"], *self.backoffs)
-        out = found | {str(name): value for name, value in fixed.items()}
+        out = found | dict(fixed)
         for name, value in out.items():
             low = 0 if name == "t_timeout" else 1
             if not low <= value <= LIMIT:

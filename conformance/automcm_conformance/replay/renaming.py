@@ -51,15 +51,11 @@ class Renaming:
         return [self._me, LIMIT - number] if taken else session
 
     def message(self, m: Object) -> Object:
-        """A received message with the station's names."""
-        out = dict(m)
-        if "session" in m:
-            out["session"] = self.session(m["session"])
-        if m["type"] == "CAM" and isinstance(m.get("marks"), list):
-            out["marks"] = [self.session(session) for session in m["marks"]]
-        if m["type"] == "Ack" and _is_acked(m.get("of")) and session_in(m.get("session")):
-            out["of"] = m["of"] | {"seq": self._acked(m)}
-        return out
+        """A received well-formed message with the station's names."""
+        if m["type"] == "CAM":
+            return m | {"marks": [self.session(session) for session in m["marks"]]}
+        of = {"of": m["of"] | {"seq": self._acked(m)}} if m["type"] == "Ack" else {}
+        return m | {"session": self.session(m["session"])} | of
 
     def command(self, command: Object) -> Object:
         """A command with the station's names."""
@@ -69,13 +65,12 @@ class Renaming:
 
     def _acked(self, m: Object) -> int:
         """The seq that an Ack to the station must name."""
-        of, src = m["of"], m.get("src")
-        seq: int = of["seq"]
-        if type(src) is not int:
-            return seq
-        logged = self._logged_seqs.get((of["type"], src, tuple(m["session"])), [])
-        p, number = self.session(m["session"])
-        own = self._own_seqs.get((of["type"], src, (p, number)), [])
+        type_, src = m["of"]["type"], m["src"]
+        seq: int = m["of"]["seq"]
+        p, number = m["session"]
+        logged = self._logged_seqs.get((type_, src, (p, number)), [])
+        p, number = self.session([p, number])
+        own = self._own_seqs.get((type_, src, (p, number)), [])
         if seq in logged and logged.index(seq) < len(own):
             return own[logged.index(seq)]
         return LIMIT if seq in own else seq
@@ -87,18 +82,6 @@ def _note(m: Object, numbers: list[int], seqs: dict[Key, list[int]]) -> None:
         return
     if m["type"] == "Advertisement" and session[1] not in numbers:
         numbers.append(session[1])
-    known = seqs.setdefault(_key(m), [])
+    known = seqs.setdefault((m["type"], m.get("dst", 0), session), [])
     if seq and seq not in known:
         known.append(seq)
-
-
-def _key(m: Object) -> Key:
-    return m["type"], m.get("dst", 0), tuple(m["session"])
-
-
-def _is_acked(value: object) -> bool:
-    return (
-        isinstance(value, dict)
-        and type(value.get("seq")) is int
-        and isinstance(value.get("type"), str)
-    )

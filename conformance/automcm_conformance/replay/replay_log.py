@@ -150,8 +150,7 @@ class _Run:
         """Start a new station.  Raises the same errors as Monitor."""
         self._found, self._hello, self._result = found, hello, result
         header = found.header
-        fixed = {str(n): v for n, v in hello.fixed.items()}
-        parameters, notes = found.parameters(fixed, hello.features)
+        parameters, notes = found.parameters(hello.fixed, hello.features)
         result.notes += notes
         self._names = Renaming(header.station, found.numbers)
         self._now = found.first_ms

@@ -19,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from automcm_conformance.exchange.results import (
     FORMAT,
+    LEVELS,
     VERDICTS,
     CaseResult,
     Cause,
@@ -38,7 +39,6 @@ from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
 from automcm_traces.viewer.page_run import PageRun
 
-LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
     "ADV": "advertising",
     "PRE": "prescribing",

@@ -42,8 +42,6 @@ IN_FULL = 3
 """This many causes are printed with their exchange."""
 LINES = 16
 """The summary prints at most this many lines of an exchange, the last ones."""
-WIDTH = 100
-"""The width of output that is not a terminal."""
 LIMIT = 400
 SHORT = 120
 
@@ -51,10 +49,8 @@ SHORT = 120
 def summary(report: Report, console: Console, folder: Path | None = None) -> None:
     """Print the implementation, the verdict, the counts, the coverage and unexpected cases.
 
-    ``folder`` has the files of the report.  A console that is not a terminal is set to a width of
-    100.
+    ``folder`` has the files of the report.
     """
-    _prepare(console)
     who = report.implementation
     console.print(_text(f"{who.name} {who.version}".strip(), "bold", SHORT))
     holds, sentence = conformance(report)
@@ -103,11 +99,7 @@ def _causes(report: Report, console: Console) -> None:
 
 def failure(case: CaseResult, failure: Failure, console: Console, most: int | None = None) -> None:
     """Print one failure: the rule, the guard, the exchange (at most its last ``most`` lines), and
-    the answers.
-
-    A console that is not a terminal is set to a width of 100.
-    """
-    _prepare(console)
+    the answers."""
     console.print(Text(case.verdict, STYLES[case.verdict]) + _text(f" {case.id}", "bold"))
     for text in about(failure):
         console.print(_text(text))
@@ -187,8 +179,3 @@ def _grid() -> Table:
 
 def _text(text: str, style: str = "", limit: int = LIMIT) -> Text:
     return Text(visible(text, limit=limit), style)
-
-
-def _prepare(console: Console) -> None:
-    if not console.is_terminal:
-        console.width = WIDTH

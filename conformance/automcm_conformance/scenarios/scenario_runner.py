@@ -119,7 +119,7 @@ class PlayRun:
         self._logs = {station: folder / f"{station}.ndjson" for station in play.stations}
         self._lines: list[Line] = []
         self._stations: dict[int, Monitor] = {}
-        self._parameters = DEFAULTS | {str(name): ms for name, ms in hello.fixed.items()}
+        self._parameters = DEFAULTS | hello.fixed
         self._radio = ScriptedRadio(play.radio, self._parameters, seed)
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
         self._order = 0
@@ -171,7 +171,7 @@ class PlayRun:
 
     def _inconclusive(self, text: str) -> ScenarioOutcome:
         """Every step is allowed, so parameters that are not the default must be the reason."""
-        fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[str(n)] != ms]
+        fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[n] != ms]
         if not fixed:
             return ScenarioOutcome("INCONC", text)
         return ScenarioOutcome("SKIP", f"not applicable with {' and '.join(fixed)}: {text}")

@@ -107,7 +107,7 @@ class Runner:
         self.predict = True
         """The station is assumed to number its sessions one by one."""
         self.features = frozenset[str](adapter.hello.features)
-        self.fixed: dict[str, int] = {str(k): v for k, v in adapter.hello.fixed.items()}
+        self.fixed = adapter.hello.fixed
 
     def notify(self, text: str) -> None:
         """Show the progress, and a hint if the adapter is slow."""
@@ -169,14 +169,9 @@ class Runner:
             values=values,
             predict=predict,
             logged=logged,
-            judges_marks="cam" in self.features and not self._marks_decided,
+            judges_marks="cam" in self.features
+            and not (self._cam_marks and self._cam_marks.decided),
         )
-
-    @property
-    def _marks_decided(self) -> bool:
-        """Whether enough CAMs have had wrong marks."""
-        tally = self._cam_marks
-        return tally is not None and tally.decided
 
     # -- which pairs
 
@@ -196,7 +191,7 @@ class Runner:
         """Plan tours over the pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         part.owners, oracle = owners, part.oracle
-        unfit = self.unfit(oracle)
+        unfit, limited = self.unfit(oracle), self.limited_by(oracle)
         missing_feature = [self.missing_feature(value) for value in oracle.inputs]
         targets = []
         for answer in answers:
@@ -205,9 +200,12 @@ class Runner:
                 continue
             part.totals["transitions" if answer.changes else "refusals"] += 1
             tally.total += 1
-            why = unfit or missing_feature[answer.input] or self._limited(oracle, answer)
-            if self.quick and not why and not _is_sampled(tally, answer):
-                why = WHOLE
+            why = unfit or missing_feature[answer.input]
+            if not why and limited and answer.effect.rule == "MEM-1":
+                why = f"{limited[0]} is fixed"
+            if self.quick and not why and tally.total > FIRST:
+                is_sampled = (answer.state + answer.input) % SHARES[answer.changes] == 0
+                why = "" if is_sampled else WHOLE
             if why:
                 tally.skipped[why] += 1
             else:
@@ -301,15 +299,9 @@ class Runner:
 
         return allowed
 
-    def _limited(self, oracle: Oracle, answer: OracleAnswer) -> str:
-        """Whether MEM-1 can be observed: only with the limits of the graph."""
-        if answer.effect.rule != "MEM-1":
-            return ""
-        other = self.limited_by(oracle)
-        return f"{other[0]} is fixed" if other else ""
-
     def limited_by(self, oracle: Oracle) -> list[str]:
-        """The limits that are fixed at another value than that of the graph."""
+        """The limits that are fixed at another value than that of the graph: with one, what MEM-1
+        decides cannot be observed."""
         return [
             n for n, c in LIMITS.items() if self.fixed.get(n, 0) not in (0, oracle.constants[c])
         ]
@@ -427,11 +419,12 @@ class Runner:
     def _credit(self, part: PairPart, steps: Iterable[Step]) -> None:
         for step in steps:
             for pair in step.pairs:
-                case = part.tours.done(pair)
-                if case is not None:
-                    self._reached(part, case, pair)
+                self._reached(part, part.tours.done(pair), pair)
 
-    def _reached(self, part: PairPart, case: str, pair: Pair) -> None:
+    def _reached(self, part: PairPart, case: str | None, pair: Pair) -> None:
+        """Count a pair, if it was still to be driven."""
+        if case is None:
+            return
         tally = self.tallies[case]
         tally.reached += 1
         changes = part.oracle.is_move(*pair)
@@ -486,10 +479,8 @@ class Runner:
         if short is None:
             if not hangs:
                 error = self.confirmed(tally, error, repeated=False)
-            case = tours.avoid(seen)
+            self._reached(part, tours.avoid(seen), seen)
             self._blame(part, seen, error)
-            if case is not None:
-                self._reached(part, case, seen)
             return
         inputs, error = short
         culprit, why = self._culprit(part, inputs, error, least)
@@ -504,9 +495,7 @@ class Runner:
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
             tours.avoid(seen)
             return
-        case = tours.avoid(culprit)
-        if case is not None:
-            self._reached(part, case, culprit)
+        self._reached(part, tours.avoid(culprit), culprit)
         self._blame(part, culprit, error, why)
 
     def hung(self, part: PairPart, error: Wrong) -> None:
@@ -596,12 +585,6 @@ class Runner:
             decided = Deciding(purpose.rules[0])
         error.deciding, error.more = decided, why
         return error
-
-
-def _is_sampled(tally: Tally, answer: OracleAnswer) -> bool:
-    """Whether ``--quick`` drives a pair: the first of a case, and some of the others."""
-    share = SHARES[answer.changes]
-    return tally.total <= FIRST or (answer.state + answer.input) % share == 0
 
 
 def _nearer(

@@ -17,20 +17,9 @@ from automcm_conformance.exchange.answers import BACK_OFF, Problem
 from automcm_conformance.exchange.exchange import Exchange, Mismatch, Step, Wrong
 from automcm_conformance.exchange.malformed_messages import edge_cases, invalid
 from automcm_conformance.exchange.wire import LONG_MS
-from automcm_conformance.suite import quantity_cases, scripts, session_cases
+from automcm_conformance.suite import quantity_cases, session_cases
+from automcm_conformance.suite import scripts as s
 from automcm_conformance.suite.scripted import Fresh, Played, inputs, number, play, played
-from automcm_conformance.suite.scripts import (
-    REQUEST,
-    RESTART,
-    USUAL,
-    WAITING,
-    WINDOW,
-    At,
-    Script,
-    Wait,
-    With,
-    expire,
-)
 from automcm_spec.graph.growing_graph import GrowingGraph
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import TWO_PEERS
@@ -65,8 +54,8 @@ def timer(fresh: Fresh, name: str) -> Played:
     ends = name.startswith("lease")
     cases = [(changed, LEASE_MS if ends else LONG_MS) for changed in SETS]
     for changed, lease_ms in [*cases, *DRIFTS] if ends else cases:
-        for script in scripts.TIMERS[name]:
-            x = fresh(USUAL | changed)
+        for script in s.TIMERS[name]:
+            x = fresh(s.USUAL | changed)
             fits = changed.keys() <= x.parameters.keys()
             yield played(x, script, lease_ms) if fits else None
 
@@ -74,38 +63,40 @@ def timer(fresh: Fresh, name: str) -> Played:
 def sendings(fresh: Fresh, t_timeout: str) -> Played:
     """``sendings N``: every message is sent exactly as often as section 3 requires."""
     for name in RELIABLE:
-        for script in scripts.TIMERS[f"giveup {name}"]:
-            x = fresh(USUAL | {"t_timeout": int(t_timeout)})
-            yield played(x, [*script, Wait(1000)])
+        for script in s.TIMERS[f"giveup {name}"]:
+            x = fresh(s.USUAL | {"t_timeout": int(t_timeout)})
+            yield played(x, [*script, s.Wait(1000)])
 
 
 def same_instant(fresh: Fresh) -> Played:
     """``same instant``: the timer comes first, then the input; also if both are late."""
-    for script in (*scripts.SAME_INSTANT, *scripts.LATE):
-        yield played(fresh(USUAL), script, _lease(script))
-    for script, lease in scripts.TIES:
-        yield played(fresh(USUAL), script, lease)
+    for script in (*s.SAME_INSTANT, *s.LATE):
+        yield played(fresh(s.USUAL), script, _lease(script))
+    for script, lease in s.TIES:
+        yield played(fresh(s.USUAL), script, lease)
 
 
 def content(fresh: Fresh, type_: str) -> Played:
     """``content TYPE``: the application's content arrives unchanged, in every copy."""
     for rich in (False, True):
-        for script in scripts.CONTENT[type_]:
-            yield played(fresh(USUAL, rich=rich), script)
+        for script in s.CONTENT[type_]:
+            yield played(fresh(s.USUAL, rich=rich), script)
 
 
 def plain(fresh: Fresh, case: str) -> Played:
     """A case that consists only of scripts."""
     for changed in ({}, DRIFTS[1][0]) if case.startswith("cam ahead") else ({},):
-        for script in scripts.PLAIN[case]:
-            x = fresh(USUAL | changed)
+        for script in s.PLAIN[case]:
+            x = fresh(s.USUAL | changed)
             fits = changed.keys() <= x.parameters.keys()
             yield played(x, script, _lease(script)) if fits else None
 
 
-def _lease(script: Script) -> int:
+def _lease(script: s.Script) -> int:
     """The lease in ms: long, unless the script waits for its end."""
-    return LEASE_MS if any(isinstance(v, At) and v.timer == ("lease",) for v in script) else LONG_MS
+    return (
+        LEASE_MS if any(isinstance(v, s.At) and v.timer == ("lease",) for v in script) else LONG_MS
+    )
 
 
 # -- malformed, and bounds
@@ -113,8 +104,8 @@ def _lease(script: Script) -> int:
 
 def malformed(fresh: Fresh, type_: str) -> Played:
     """``malformed TYPE``: each message is discarded and changes nothing; the valid one counts."""
-    script, good, _ = scripts.RECEIVED[type_]
-    x = fresh(USUAL)
+    script, good, _ = s.RECEIVED[type_]
+    x = fresh(s.USUAL)
     play(x, script)
     for what, message in invalid(x.wire.command(good, x.now)["message"]):
         x.malformed(message, f"{type_} with {what}")
@@ -129,11 +120,11 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     yield x
 
 
-def _alone(fresh: Fresh, script: Script, step: Step) -> Wrong | None:
+def _alone(fresh: Fresh, script: s.Script, step: Step) -> Wrong | None:
     """The failure if this malformed message is the only one; None if there is none."""
     if not step.fault:
         return None
-    x = fresh(USUAL)
+    x = fresh(s.USUAL)
     try:
         play(x, script)
         x.malformed(step.command["message"], step.fault)
@@ -145,24 +136,24 @@ def _alone(fresh: Fresh, script: Script, step: Step) -> Wrong | None:
 
 def bounds(fresh: Fresh, type_: str) -> Played:
     """``bounds TYPE``: a message with an unusual valid value counts like any other."""
-    script, good, after = scripts.RECEIVED[type_]
-    for what, fields in edge_cases(fresh(USUAL).wire.command(good, 0)["message"]):
+    script, good, after = s.RECEIVED[type_]
+    for what, fields in edge_cases(fresh(s.USUAL).wire.command(good, 0)["message"]):
         try:
-            yield played(fresh(USUAL), [*script, With(fields, good), *after])
+            yield played(fresh(s.USUAL), [*script, s.With(fields, good), *after])
         except Wrong as error:
             error.args = (f"{type_} with {what}: {error}",)
             raise
 
 
-def _received(type_: str) -> list[Script]:
-    script, good, _ = scripts.RECEIVED[type_]
+def _received(type_: str) -> list[s.Script]:
+    script, good, _ = s.RECEIVED[type_]
     return [[*script, good]]
 
 
 def room(fresh: Fresh) -> Played:
     """``room``: the free space in the outbox follows from the larger of the two limits."""
-    for script in scripts.ROOM:
-        x = fresh(USUAL, limits=LIMITS)
+    for script in s.ROOM:
+        x = fresh(s.USUAL, limits=LIMITS)
         fits = all(x.parameters[name] == limit for name, limit in LIMITS.items())
         yield played(x, script) if fits else None
 
@@ -170,20 +161,11 @@ def room(fresh: Fresh) -> Played:
 # -- CAMs and the back-off
 
 
-def cam_marks(fresh: Fresh) -> Played:
-    """``cam marks``: in every phase of a session, and while a Fin is not acknowledged."""
-    for script in scripts.MARKED:
-        x = fresh(USUAL)
-        x.wait(x.now + 250)
-        steps = [step for value in script for step in (value, Wait(250))]
-        yield played(x, steps)
-
-
 def cam_rate(fresh: Fresh) -> Played:
     """``cam rate``: one CAM every ``t_cam`` (50 % tolerance), in every phase."""
     for t_cam in (100, 400):
-        for script in ([], WAITING):
-            x = fresh(USUAL | {"t_cam": t_cam})
+        for script in ([], s.WAITING):
+            x = fresh(s.USUAL | {"t_cam": t_cam})
             play(x, script)
             x.wait(x.now + 12 * x.parameters["t_cam"])
             x.flush()
@@ -200,7 +182,7 @@ def cam_rate(fresh: Fresh) -> Played:
 
 def back_off(fresh: Fresh) -> Played:
     """``back-off``: within its bounds, both included, equal for equal seeds, not always equal."""
-    parameters = USUAL | {"backoff_min": 500, "backoff_max": 2000}
+    parameters = s.USUAL | {"backoff_min": 500, "backoff_max": 2000}
     found: dict[int, int] = {}
     for seed in [*range(1, SEEDS + 1), *range(1, SEEDS + 1)]:
         x = fresh(parameters, seed=seed)
@@ -209,15 +191,15 @@ def back_off(fresh: Fresh) -> Played:
             raise _wrong(x, f"seed {seed}: back-offs of {found[seed]} and {lasts} ms in two runs")
         if len(found) == SEEDS and low < high and len(set(found.values())) == 1:
             raise _wrong(x, f"a back-off of {lasts} ms for every seed")
-        x.give(number(x, REQUEST))
-        play(x, [expire("backoff"), REQUEST])
+        x.give(number(x, s.REQUEST))
+        play(x, [s.expire("backoff"), s.REQUEST])
         yield x
-    x = fresh(USUAL | {"t_timeout": 0, "backoff_min": 500, "backoff_max": 501})
+    x = fresh(s.USUAL | {"t_timeout": 0, "backoff_min": 500, "backoff_max": 501})
     drawn = set[int]()
     for _ in range(DRAWS):
         low, high, lasts = _draw(x)
         drawn.add(lasts)
-        x.expire(number(x, expire("backoff")))
+        x.expire(number(x, s.expire("backoff")))
     if high == low + 1 and len(drawn) == 1:
         raise _wrong(x, f"expected back-offs of {low} and {high} ms, got {lasts} ms {DRAWS} times")
     yield x
@@ -226,8 +208,8 @@ def back_off(fresh: Fresh) -> Played:
 def _draw(x: Exchange) -> tuple[int, int, int]:
     """A session without participants: the bounds of the back-off after it, and what it lasts.
     Raises Mismatch and Broken."""
-    x.give(number(x, REQUEST))
-    x.expire(number(x, WINDOW))
+    x.give(number(x, s.REQUEST))
+    x.expire(number(x, s.WINDOW))
     x.flush()
     deadline = read_answer(x.done[-1].answer).deadline
     low, high = x.parameters["backoff_min"], x.parameters["backoff_max"]
@@ -248,29 +230,28 @@ def _wrong(x: Exchange, text: str) -> Mismatch:
 
 TWO = ("sessions ", "two ")
 """The first words of the cases that need a second peer."""
-_ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[Script]]]] = {
-    "timer": (timer, scripts.TIMERS.__getitem__),
-    "sendings": (sendings, lambda _: (scripts.ACTING, scripts.COMMITTED)),
+_ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[s.Script]]]] = {
+    "timer": (timer, s.TIMERS.__getitem__),
+    "sendings": (sendings, lambda _: (s.ACTING, s.COMMITTED)),
     "malformed": (malformed, _received),
     "bounds": (bounds, _received),
-    "content": (content, scripts.CONTENT.__getitem__),
+    "content": (content, s.CONTENT.__getitem__),
     "sessions": (session_cases.pairs, session_cases.scripts),
     "quantity": (quantity_cases.exchanges, quantity_cases.scripts),
 }
 """The function and the scripts of a case, by its first word."""
-_ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
-    "same instant": (same_instant, scripts.SAME_INSTANT),
-    "cam rate": (cam_rate, [WAITING]),
-    "cam marks": (cam_marks, scripts.MARKED),
-    "back-off": (back_off, [[REQUEST]]),
-    "room": (room, scripts.ROOM),
+_ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[s.Script]]] = {
+    "same instant": (same_instant, s.SAME_INSTANT),
+    "cam rate": (cam_rate, [s.WAITING]),
+    "back-off": (back_off, [[s.REQUEST]]),
+    "room": (room, s.ROOM),
 }
 
 
-def _of(case: str) -> tuple[Callable[[Fresh], Played], Iterable[Script]]:
+def _of(case: str) -> tuple[Callable[[Fresh], Played], Iterable[s.Script]]:
     """The function and the scripts of a case. Raises KeyError for an unknown case."""
-    if case in scripts.PLAIN:
-        return partial(plain, case=case), scripts.PLAIN[case]
+    if case in s.PLAIN:
+        return partial(plain, case=case), s.PLAIN[case]
     if case in _ALONE:
         return _ALONE[case]
     name, _, about = case.partition(" ")
@@ -300,10 +281,10 @@ def needs(case: str) -> set[str]:
     """The features that a case needs."""
     values = [value for script in _of(case)[1] for value in inputs(script)]
     found = {"cam"} if case in ("cam rate", "cam marks") else set()
-    if REQUEST in values:
+    if s.REQUEST in values:
         found.add("prescriber")
-    if scripts.ADVERTISED in values:
+    if s.ADVERTISED in values:
         found.add("receiver")
-    if RESTART in values:
+    if s.RESTART in values:
         found.add("restart")
     return found

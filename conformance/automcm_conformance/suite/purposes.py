@@ -35,12 +35,12 @@ import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, field_validator
 
 from automcm_conformance.adapter.kit_paths import SUITE
-from automcm_conformance.exchange.results import Level
+from automcm_conformance.exchange.results import LEVELS, Level
 from automcm_spec.graph.oracle import Effect
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import (
@@ -58,7 +58,6 @@ Features = tuple[Any, ...]
 
 PATH = SUITE / "purposes.toml"
 
-LEVELS: tuple[Level, ...] = get_args(Level)
 ROOM = 1
 """In every graph a session needs at most this many outbox entries (MEM-1)."""
 
@@ -92,11 +91,6 @@ class Purpose(BaseModel, frozen=True, extra="forbid"):
             name: wanted if isinstance(wanted, list) else [wanted]
             for name, wanted in fields.items()
         }
-
-    @property
-    def kind(self) -> str:
-        """BV, BI or TI."""
-        return self.id.split("/")[3][:2]
 
     def matches(self, features: Features) -> bool:
         """Whether a pair with these features (in the order of ``FEATURES``) belongs to this

@@ -332,13 +332,6 @@ RECEIVED: dict[str, tuple[Script, Input, Script]] = {
 """Scripts to a state in which a message of the type has an effect, that message, and its
 followers."""
 
-MARKED: list[Script] = [
-    [*COMMITTED, ACCEPTANCE_ACKED, FINISHED],
-    [*ACTING, COMPLETE, received("Ack", MINE, of=("Fin", 1))],
-    [*ACTING, ABORT],
-]
-"""Sessions whose marks are judged."""
-
 HEARD_TWICE = Wait(400), HEARD_THEM, Wait(300), HEARD_THEM, Wait(300)
 TARGET_HEARD_TWICE = Wait(400), HEARD_TARGET, Wait(300), HEARD_TARGET, Wait(300)
 
@@ -411,6 +404,15 @@ _OVERHEARD: list[Input] = [
 _ECHOED = {"src": VALUES.ids[ME], "session": [VALUES.ids[ME], 1]}
 
 PLAIN: dict[str, Sequence[Script]] = {
+    # In every phase of a session, and while a Fin is not acknowledged.
+    "cam marks": [
+        [Wait(250), *(step for value in script for step in (value, Wait(250)))]
+        for script in (
+            [*COMMITTED, ACCEPTANCE_ACKED, FINISHED],
+            [*ACTING, COMPLETE, received("Ack", MINE, of=("Fin", 1))],
+            [*ACTING, ABORT],
+        )
+    ],
     "echoes": [
         [*script, Wait(30), *(With(_ECHOED, message) for message in _OVERHEARD)]
         for script in ([], WAITING, COMMITTED, [REQUEST, INTENDED], PRESCRIBING, ACTING)

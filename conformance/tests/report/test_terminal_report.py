@@ -18,7 +18,7 @@ from automcm_conformance.report import terminal_report
 
 def printed(render: Any, **options: Any) -> str:
     """What ``render`` prints into a pipe."""
-    console = Console(file=io.StringIO(), **options)
+    console = Console(file=io.StringIO(), **{"width": 100} | options)
     render(console)
     out = console.file
     assert isinstance(out, io.StringIO)
@@ -27,9 +27,7 @@ def printed(render: Any, **options: Any) -> str:
 
 def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
     cases = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason=f"why {n}") for n in range(20)]
-    out = printed(
-        lambda console: terminal_report.summary(run(case(), *cases), console, tmp_path), width=40
-    )
+    out = printed(lambda console: terminal_report.summary(run(case(), *cases), console, tmp_path))
     lines = out.splitlines()
     assert "\x1b" not in out
     assert len(lines) < 40 and max(len(line) for line in lines[:-1]) <= 100
