@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from automcm_conformance.exchange.wire import LONG, STEP_MS
 from automcm_spec.graph.oracle import Oracle, OracleAnswer
-from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Timer
+from automcm_spec.vocabulary.station import Command, Expire, Message, Receive, Timer
 
 Pair = tuple[int, int]
 """(state, input) of a graph."""
@@ -226,8 +226,12 @@ def timetable(
                 slots[lease_from].lease_ms = now - slots[armed].at
             else:
                 slots[armed].durations[name] = now - slots[armed].at
-        if (proposal := _prescribed(value)) is not None:
-            lease_from, slot.lease_ms = n, long["lease"] + proposal
+        match value:
+            case (
+                Receive(message=Message(type="Prescription", proposal=proposal))
+                | Command(name="prescribe", proposal=proposal)
+            ):
+                lease_from, slot.lease_ms = n, long["lease"] + proposal
         for timer in answer.effect.stop:
             running.pop(timer, None)
         for timer in answer.effect.arm:
@@ -236,13 +240,3 @@ def timetable(
                 slot.durations.setdefault(timer[0], long[timer[0]])
         state = answer.next
     return slots
-
-
-def _prescribed(value: Input) -> int | None:
-    """The proposal of a Prescription that is received or commanded."""
-    match value:
-        case Receive(message=Message(type="Prescription", proposal=proposal)):
-            return proposal
-        case Command(name="prescribe", proposal=proposal):
-            return proposal
-    return None

@@ -108,19 +108,14 @@ def answerable(found: Finding) -> list[str]:
     return [w for w in found.expected if not w.startswith(("arm ", "stop "))]
 
 
-def _is_preparation(command: Object, n: int) -> bool:
-    if command["cmd"] == "durations":
-        return all(ms >= SOON_MS for ms in command["durations"].values())
-    return bool(command["cmd"] == "reset") and n == 0
-
-
 def exchange(steps: list[Step], *, complete: bool = False) -> list[Line]:
     """Both sides, line by line; unless ``complete``, without the first reset and lines that only
     keep timers long."""
     lines = []
     for n, step in enumerate(steps):
-        hidden = not complete and _is_preparation(step.command, n)
-        if hidden and step is not steps[-1]:
+        lasting = step.command.get("durations", {}).values()
+        prepares = n == 0 or (lasting and min(lasting) >= SOON_MS)
+        if prepares and not complete and step is not steps[-1]:
             continue
         fault = f"; malformed: {step.fault}" if step.fault else ""
         lines.append(Line(step.now, "kit", f"{said(step.command)}{fault}"))

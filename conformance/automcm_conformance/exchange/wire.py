@@ -266,14 +266,11 @@ class Wire:
             return int(mine["seq"])
         if type_ == "Advertisement":
             return 1
-        return self._near_miss(self.values.ids[m.src], self.session(m.session), type_)
-
-    def _near_miss(self, src: int, session: list[int], type_: str) -> int:
-        """A seq that an Ack of ``src`` for this type must not acknowledge: that of an entry to
-        another station, of an entry of another type to ``src``, or of no entry."""
-        mine = [e for e in self.outbox.values() if e["session"] == session]
-        foreign = (e["seq"] for e in mine if e["dst"] != src and e["type"] == type_)
-        other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
+        # That of an entry to another station, of another type to the sender, or of no entry.
+        src, session = self.values.ids[m.src], self.session(m.session)
+        own = [e for e in self.outbox.values() if e["session"] == session]
+        foreign = (e["seq"] for e in own if e["dst"] != src and e["type"] == type_)
+        other = (e["seq"] for e in own if e["dst"] == src and e["type"] != type_)
         return next(foreign, next(other, ODD_SEQ))
 
     def _cam(self, value: Cam, now: int) -> dict[str, Json]:

@@ -18,7 +18,7 @@ from automcm_spec.log_format.log import (
     TimerArm,
 )
 from automcm_spec.log_format.reader import LogStream, records
-from automcm_spec.vocabulary.messages import LIMIT
+from automcm_spec.vocabulary.messages import LIMIT, session_in
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import CannotTell
 
@@ -138,8 +138,6 @@ def _count(found: Survey, event: Event, numbers: set[int]) -> None:
 
 
 def _note_own(found: Survey, session: object, numbers: set[int]) -> None:
-    match session:
-        case [int(p), int(number)] if p == found.header.station:
-            numbers.add(number)
-        case _:
-            pass
+    own = session_in(session)
+    if own is not None and own[0] == found.header.station:
+        numbers.add(own[1])

@@ -135,11 +135,9 @@ class Monitor:
         self._follow(now, command, tx, raw)
         if self.track.state.role == "receiver" and self.track.session not in (None, session):
             self._joined_at[self.track.peer] = now
-        if (
-            _is_no_op(command)
-            and not self.indications
-            and all(m["type"] == "CAM" for _, m in self.sent)
-        ):
+        kind = command.get("message", {}).get("type", command["cmd"])
+        only_cams = not self.indications and all(m["type"] == "CAM" for _, m in self.sent)
+        if kind in ("CAM", "advance") and only_cams:
             del self._lines[-2:]
 
     def set_backoff(self, ms: int) -> None:
@@ -316,9 +314,3 @@ class Monitor:
         step = self.last
         guard = RULES[rule] if rule else "" if step is None else step.guard
         return Diverges(self._at, what, rule or (step.rule if step else ""), wanted, guard)
-
-
-def _is_no_op(command: dict[str, Json]) -> bool:
-    """Whether a command only advances time or delivers a CAM."""
-    kind: str = command.get("message", {}).get("type", command["cmd"])
-    return kind in ("CAM", "advance")

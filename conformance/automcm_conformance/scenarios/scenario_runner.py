@@ -315,15 +315,12 @@ class PlayRun:
             if when.action == "restart":
                 action = partial(self._restart, station)
             else:
-                command = self._command(when.action, session)
+                command: Object = {"name": when.action, "session": list(session or ())}
+                if when.action == "request":
+                    scenario = self._hello.scenarios[0]
+                    command = {"name": "request", "scenario": scenario, "details": {"lane": 2}}
                 action = partial(self._give_if_current, station, command)
             self._after(when.after_ms, action)
-
-    def _command(self, name: str, session: tuple[int, int] | None) -> Object:
-        if name == "request":
-            scenario = self._hello.scenarios[0]
-            return {"name": name, "scenario": scenario, "details": {"lane": 2}}
-        return {"name": name, "session": list(session or ())}
 
     def _give_if_current(self, station: int, command: Object) -> None:
         """Give a command, unless its session has ended."""

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from time import monotonic
+from typing import Any
 
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
@@ -18,14 +19,13 @@ from automcm_conformance.exchange.exchange import (
     Exchange,
     LineLink,
     Mismatch,
-    Step,
     Unpredicted,
     Wrong,
 )
 from automcm_conformance.exchange.play import LEASES, RUNS, play, shortened
 from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC, Deciding
 from automcm_conformance.exchange.tours import Allowed, Pair, Tours
-from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
+from automcm_conformance.exchange.wire import LONG, VALUES
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
@@ -144,16 +144,13 @@ class Runner:
         oracle: Oracle,
         parameters: Mapping[str, int] = PARAMETERS,
         *,
-        rich: bool = False,
-        values: Values = PLAIN,
-        seed: int | None = None,
-        predict: bool = False,
-        logged: bool = True,
         limits: Mapping[str, int] | None = None,
         link: LineLink | None = None,
+        **options: Any,
     ) -> Exchange:
         """An exchange with a fresh station over the adapter or another ``link``, by default with
-        the limits of the graph. Parameters that need a missing feature are omitted."""
+        the limits of the graph, and ``options`` of ``Exchange``. Parameters that need a missing
+        feature are omitted."""
         if "clock_drift" not in self.features:
             parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
@@ -164,13 +161,9 @@ class Runner:
             link or self.adapter,
             given,
             scenario=scenario,
-            seed=self.seed if seed is None else seed,
-            rich=rich,
-            values=values,
-            predict=predict,
-            logged=logged,
             judges_marks="cam" in self.features
             and not (self._cam_marks and self._cam_marks.decided),
+            **{"seed": self.seed} | options,
         )
 
     # -- which pairs
@@ -398,7 +391,8 @@ class Runner:
     ) -> None:
         """Finish a tour. A wrong answer is confirmed, blamed on a case, and its pair avoided."""
         tours, x = part.tours, active.x
-        self._credit(part, x.done)
+        for pair in (pair for step in x.done for pair in step.pairs):
+            self._reached(part, tours.done(pair), pair)
         if error is not None:
             tours.forget_plans()
         if isinstance(error, Unpredicted):
@@ -415,11 +409,6 @@ class Runner:
         if case is not None:
             part.forbidden += 1
             self.tallies[case].forbidden += 1
-
-    def _credit(self, part: PairPart, steps: Iterable[Step]) -> None:
-        for step in steps:
-            for pair in step.pairs:
-                self._reached(part, part.tours.done(pair), pair)
 
     def _reached(self, part: PairPart, case: str | None, pair: Pair) -> None:
         """Count a pair, if it was still to be driven."""

@@ -68,14 +68,6 @@ def sendings(fresh: Fresh, t_timeout: str) -> Played:
             yield played(x, [*script, s.Wait(1000)])
 
 
-def same_instant(fresh: Fresh) -> Played:
-    """``same instant``: the timer comes first, then the input; also if both are late."""
-    for script in (*s.SAME_INSTANT, *s.LATE):
-        yield played(fresh(s.USUAL), script, _lease(script))
-    for script, lease in s.TIES:
-        yield played(fresh(s.USUAL), script, lease)
-
-
 def content(fresh: Fresh, type_: str) -> Played:
     """``content TYPE``: the application's content arrives unchanged, in every copy."""
     for rich in (False, True):
@@ -241,7 +233,6 @@ _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable
 }
 """The function and the scripts of a case, by its first word."""
 _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[s.Script]]] = {
-    "same instant": (same_instant, s.SAME_INSTANT),
     "cam rate": (cam_rate, [s.WAITING]),
     "back-off": (back_off, [[s.REQUEST]]),
     "room": (room, s.ROOM),

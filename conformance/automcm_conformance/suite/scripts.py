@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias, get_args
 
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.exchange.malformed_messages import named_by_acks
-from automcm_conformance.exchange.wire import COPY_REASONS, LONG_MS, ME, STRANGER
+from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
@@ -190,6 +190,7 @@ COMMITTED: list[Input] = [*VERIFYING, ACCEPT]
 CHOOSING: list[Input] = [REQUEST, INTENDED, WINDOW]
 PRESCRIBING: list[Input] = [*CHOOSING, PRESCRIBE]
 ACTING: list[Input] = [*PRESCRIBING, ACCEPTED]
+_RECEIVING = [*COMMITTED, ACCEPTANCE_ACKED]
 
 TIMERS: dict[str, list[Script]] = {
     "advertise": [[REQUEST, WINDOW], [REQUEST, Wait(30), INTENDED, WINDOW]],
@@ -277,15 +278,7 @@ _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
 ]
 """An armed timer, and inputs at the very time of its expiry."""
 
-SAME_INSTANT: list[Script] = [
-    [*script, At(timer, value), PAUSE]
-    for script, timer, values in _DUE
-    for value in values
-    if value != RESTART
-]
-"""An input at the very time of an expiry: the timer comes first."""
-
-LATE: list[Script] = [
+_LATE: list[Script] = [
     [ADVERTISED, Late(250), PAUSE, INTENTION_ACKED],
     [REQUEST, Late(250), Wait(200)],
     [REQUEST, INTENDED, Late(2600), Wait(100), PRESCRIBE],
@@ -295,15 +288,18 @@ LATE: list[Script] = [
 ]
 """Timers that fire late: what they arm, themselves included, lasts from then."""
 
-TIES: list[tuple[Script, int]] = [
-    ([*COMMITTED, ACCEPTANCE_ACKED, Wait(2000)], USUAL["t_cam_loss"]),
-    ([*PRESCRIBING, PRESCRIPTION_ACKED, Wait(3000)], USUAL["t_decide"] + GIVEUP_MS),
-    ([*PRESCRIBING, Wait(2500)], GIVEUP_MS),
-    ([*VERIFYING, REFUSE, INSTRUCTED_2, ACCEPT_2, Wait(250)], LONG_MS),
-    ([ADVERTISED, LEAVE, received("Advertisement", NEXT), Wait(250)], LONG_MS),
+_UNTIL_CAM = With({"lease_ms": USUAL["t_cam_loss"]}, INSTRUCTED)
+_UNTIL_ANSWER = With({"lease_ms": USUAL["t_decide"] + GIVEUP_MS}, PRESCRIBE)
+_UNTIL_GIVEUP = With({"lease_ms": GIVEUP_MS}, PRESCRIBE)
+_TIES: list[Script] = [
+    [*WAITING, _UNTIL_CAM, ACCEPT, ACCEPTANCE_ACKED, Wait(2000)],
+    [*CHOOSING, _UNTIL_ANSWER, PRESCRIPTION_ACKED, Wait(3000)],
+    [*CHOOSING, _UNTIL_GIVEUP, Wait(2500)],
+    [*VERIFYING, REFUSE, INSTRUCTED_2, ACCEPT_2, Wait(250)],
+    [ADVERTISED, LEAVE, received("Advertisement", NEXT), Wait(250)],
 ]
-"""Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
-lease, and copies of two messages. They fire in the order of section 3."""
+"""Two timers at the same instant, by a lease that makes it so: cam, answer and giveup beside lease,
+and copies of two messages. They fire in the order of section 3."""
 
 CONTENT: dict[str, list[Script]] = {
     "Advertisement": [[REQUEST, Wait(200)]],
@@ -331,9 +327,6 @@ RECEIVED: dict[str, tuple[Script, Input, Script]] = {
 }
 """Scripts to a state in which a message of the type has an effect, that message, and its
 followers."""
-
-HEARD_TWICE = Wait(400), HEARD_THEM, Wait(300), HEARD_THEM, Wait(300)
-TARGET_HEARD_TWICE = Wait(400), HEARD_TARGET, Wait(300), HEARD_TARGET, Wait(300)
 
 
 def _older(cam: Cam) -> Sequence[Script]:
@@ -387,6 +380,18 @@ def _anew(first: Cam, between: Script, cam: Cam) -> list[Script]:
     return found
 
 
+def _cams(
+    role: str, begin: Script, heard: Cam, between: Script, next_heard: Cam
+) -> dict[str, Sequence[Script]]:
+    """CAMs that do not count, in ACTUATING. ``between``: the inputs from there to the next
+    session's."""
+    twice = [*begin, Wait(400), heard, Wait(300), heard, Wait(300)]
+    older = [[*twice, *steps, expire("cam")] for steps in _older(heard)]
+    older += [[*begin, *steps] for steps in _anew(heard, between, next_heard)]
+    ahead = [[*twice, *steps, expire("cam")] for steps in _ahead(heard)]
+    return {f"cam older {role}": older, f"cam ahead {role}": ahead}
+
+
 _CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
 
 _OVERHEARD: list[Input] = [
@@ -404,11 +409,17 @@ _OVERHEARD: list[Input] = [
 _ECHOED = {"src": VALUES.ids[ME], "session": [VALUES.ids[ME], 1]}
 
 PLAIN: dict[str, Sequence[Script]] = {
+    # An input at the very time of an expiry: the timer comes first; also if both are late.
+    "same instant": [
+        *([*script, At(timer, v), PAUSE] for script, timer, vs in _DUE for v in vs if v != RESTART),
+        *_LATE,
+        *_TIES,
+    ],
     # In every phase of a session, and while a Fin is not acknowledged.
     "cam marks": [
         [Wait(250), *(step for value in script for step in (value, Wait(250)))]
         for script in (
-            [*COMMITTED, ACCEPTANCE_ACKED, FINISHED],
+            [*_RECEIVING, FINISHED],
             [*ACTING, COMPLETE, received("Ack", MINE, of=("Fin", 1))],
             [*ACTING, ABORT],
         )
@@ -453,24 +464,7 @@ PLAIN: dict[str, Sequence[Script]] = {
         + [With({"of": of}, received("Ack", THEIRS, of=("Fin", 1))) for of in named_by_acks()]
         + [INTENTION_ACKED]
     ],
-    "cam older receiver": [
-        [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *older, expire("cam")]
-        for older in _older(HEARD_THEM)
-    ]
-    + [
-        [*COMMITTED, ACCEPTANCE_ACKED, *script]
-        for script in _anew(HEARD_THEM, [FINISHED, *AGAIN[:-1]], cam(Y, NEXT))
-    ],
-    "cam ahead receiver": [
-        [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *ahead, expire("cam")]
-        for ahead in _ahead(HEARD_THEM)
-    ],
-    "cam ahead prescriber": [
-        [*ACTING, *TARGET_HEARD_TWICE, *ahead, expire("cam")] for ahead in _ahead(HEARD_TARGET)
-    ],
-    "cam older prescriber": [
-        [*ACTING, *TARGET_HEARD_TWICE, *older, expire("cam")] for older in _older(HEARD_TARGET)
-    ]
-    + [[*ACTING, *script] for script in _anew(HEARD_TARGET, [COMPLETE, *_AGAIN], cam(Y, AFTER))],
+    **_cams("receiver", _RECEIVING, HEARD_THEM, [FINISHED, *AGAIN[:-1]], cam(Y, NEXT)),
+    **_cams("prescriber", ACTING, HEARD_TARGET, [COMPLETE, *_AGAIN], cam(Y, AFTER)),
 }
 """Cases that consist only of scripts."""

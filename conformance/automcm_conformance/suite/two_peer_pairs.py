@@ -180,11 +180,9 @@ def _without(state: State, away: int) -> State:
     )
     chooses_none = out.phase == "CHOOSING" and not out.recorded
     if away in (state.session[0], state.target) or chooses_none:
-        return State("STANDALONE", "none", (0, 0), NONE, NONE, 0, 0, False, False, *out[9:])
+        none = frozenset[int]()
+        return State("STANDALONE", "none", (0, 0), none, none, 0, 0, False, False, *out[9:])
     return out
-
-
-NONE = frozenset[int]()
 
 
 def _swap(session: Session) -> Session:
