@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from copy import deepcopy
 from typing import Any
 
 from automcm_maintenance.code_mutation.lockstep import Answer, Changed
@@ -105,12 +106,12 @@ def _paths(value: Any, *before: Any) -> Iterator[tuple[Any, ...]]:
 
 def _with(value: Any, path: tuple[Any, ...], entry: Any) -> Any:
     """A copy with ``entry`` at this path; for ``...`` the path is removed."""
-    name, *rest = path
-    copy = dict(value) if isinstance(value, dict) else list(value)
-    if rest:
-        copy[name] = _with(copy[name], tuple(rest), entry)
-    elif entry is ...:
-        del copy[name]
+    *way, name = path
+    whole = inner = deepcopy(value)
+    for step in way:
+        inner = inner[step]
+    if entry is ...:
+        del inner[name]
     else:
-        copy[name] = entry
-    return copy
+        inner[name] = entry
+    return whole

@@ -77,7 +77,6 @@ def markdown(found: dict[str, Any]) -> str:
     """The page of ``KillCertificate.as_dict()``."""
     made = [MutantRow.of(row) for row in found["mutants"]]
     classes = _by_class(made)
-    counts = [_counts(name, of, MEANING[name]) for name, of in classes]
     groups = sorted({case.split("/")[2] for row in made for case in row.cases})
     rows: list[list[object]] = []
     for name, of in classes:
@@ -93,7 +92,8 @@ def markdown(found: dict[str, Any]) -> str:
         cpp=sum(row.station == "cpp" for row in made),
         many="one failed case" if found["cases"] == 1 else f"{found['cases']} failed cases",
         counts=markdown_table(
-            ["class", "mutants", *VERDICTS, "fault"], [*counts, _counts("all", made, "")]
+            ["class", "mutants", *VERDICTS, "fault"],
+            [_counts(*row) for row in (*classes, ("all", made))],
         ),
         matrix=markdown_table(["class", "mutants", *groups], rows),
         survivors=[row for row in made if row.verdict in ("survived", "undecided")],
@@ -102,9 +102,9 @@ def markdown(found: dict[str, Any]) -> str:
     )
 
 
-def _counts(name: str, of: Sequence[MutantRow], what: str) -> list[object]:
+def _counts(name: str, of: Sequence[MutantRow]) -> list[object]:
     counts = Counter(row.verdict for row in of)
-    return [name, len(of), *(counts[v] for v in VERDICTS), what]
+    return [name, len(of), *(counts[v] for v in VERDICTS), MEANING.get(name, "")]
 
 
 def _change(row: MutantRow) -> str:

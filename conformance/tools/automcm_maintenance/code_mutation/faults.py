@@ -199,7 +199,7 @@ def put(fault: Fault) -> Iterator[None]:
 
     Raises FaultError for an edit outside of all functions.
     """
-    changed: list[tuple[FunctionType, CodeType]] = []
+    changed: list[tuple[FunctionType, CodeType, CodeType]] = []
     texts: dict[Path, str] = {}
     for edit in fault.edits:
         module = importlib.import_module(edit.place.partition(":")[0])
@@ -213,16 +213,15 @@ def put(fault: Fault) -> Iterator[None]:
         except ValueError:
             raise FaultError(f"{fault.name}: changes more than functions in {path.name}") from None
         living = _living(path, len(sys.modules))
-        changed += [(f, pairs[f.__code__]) for f in living if f.__code__ in pairs]
+        changed += [(f, f.__code__, pairs[f.__code__]) for f in living if f.__code__ in pairs]
     if not changed:
         raise FaultError(f"{fault.name}: no function of this process is changed")
-    codes = [function.__code__ for function, _ in changed]
     try:
-        for function, code in changed:
+        for function, _, code in changed:
             function.__code__ = code
         yield
     finally:
-        for (function, _), code in zip(changed, codes, strict=True):
+        for function, code, _ in changed:
             function.__code__ = code
 
 

@@ -35,15 +35,6 @@ def full_name(module: str) -> str:
     return f"{package}.{module}"
 
 
-def replace(module: str, file: str) -> None:
-    """Replace a module by a file.  No module of the reference may have been imported before."""
-    if file == "-":
-        return
-    if any(name.startswith("automcm.") for name in sys.modules):
-        raise RuntimeError("the reference must not be imported before its module is replaced")
-    Hook.put({full_name(module): Path(file).read_text(encoding="utf-8")})
-
-
 def limited(cpu_s: int) -> None:
     """Set limits on time and memory, because a mutant may loop or allocate without end."""
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
@@ -55,7 +46,8 @@ def main() -> None:
     module, file, *walk = sys.argv[1:]
     limited(LARGE_CPU_S if "two-peers" in walk else CPU_S)
     right = lockstep.unchanged(walk[0], int(walk[1])) if walk else None
-    replace(module, file)
+    if file != "-":
+        Hook.put({full_name(module): Path(file).read_text(encoding="utf-8")})
     try:
         import automcm.adapters.adapter_lines  # noqa: F401
     except Exception as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 
 from automcm_spec.model_checking import models
@@ -19,23 +20,20 @@ _DEFENCES = ("Dies", "WindowOf", "MaySign", "Signed", "OfPeer", "WithinRounds")
 
 def table(loaded: Sequence[models.Model]) -> str:
     """A row for each property, a column for each attacker; a cell names its models."""
-    cells: dict[tuple[str, str], list[str]] = {}
+    cells: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
     for model in sorted(loaded, key=lambda m: (m.expect, models.PROFILES.index(m.profile))):
         if model.module in models.ATTACKED:
             for property_ in _shown(model):
-                cells.setdefault((property_, _attacker(model.config)), []).append(_verdict(model))
+                verdict = f"{'holds' if model.expect == 'holds' else 'fails'} (`{model.cfg}`)"
+                cells[property_, _attacker(model.config)].append(verdict)
     rows = ["| property | " + " | ".join(ATTACKERS) + " |", "|---|---|---|---|"]
     for property_ in PROPERTIES:
-        found = [cells.get((property_, attacker), []) for attacker in ATTACKERS]
+        found = [reversed(cells[property_, attacker]) for attacker in ATTACKERS]
         # The first that holds, and the first that fails.
-        firsts = [{text.split()[0]: text for text in reversed(cell)} for cell in found]
+        firsts = [{text.split()[0]: text for text in cell} for cell in found]
         shown = ["; ".join(sorted(first.values(), reverse=True)) for first in firsts]
         rows.append(f"| {property_} | " + " | ".join(shown) + " |")
     return "\n".join(rows)
-
-
-def _verdict(model: models.Model) -> str:
-    return f"{'holds' if model.expect == 'holds' else 'fails'} (`{model.cfg}`)"
 
 
 def _shown(model: models.Model) -> set[str]:

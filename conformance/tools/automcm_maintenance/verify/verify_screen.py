@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -104,10 +106,8 @@ def _short_loop(report: VerifyReport) -> list[str]:
 
 def _holds(verdicts: list[models.ModelVerdict]) -> Table:
     table = _table("Models: every property holds")
-    for name in ("distinct states", "checks", "reached", "seconds"):
-        table.add_column(name, justify="left" if name == "checks" else "right")
-    table.add_column("")
-    table.add_column("")
+    for name in ("distinct states", "checks", "reached", "seconds", "", ""):
+        table.add_column(name, justify="left" if name in ("checks", "") else "right")
     for v in verdicts:
         r = v.result
         states = f"{r.distinct_states:,}" if r else ""
@@ -125,9 +125,8 @@ def _fails(verdicts: list[models.ModelVerdict]) -> Table:
     for name in ("breaks", "steps", "", "model", "breaks", "steps", ""):
         table.add_column(name, justify="right" if name == "steps" else "left", no_wrap=True)
     half = (len(verdicts) + 1) // 2
-    for n in range(half):
-        pair = [verdicts[n], *verdicts[half + n : half + n + 1]]
-        table.add_row(*(cell for v in pair for cell in _fail(v)))
+    for pair in zip_longest(verdicts[:half], verdicts[half:]):
+        table.add_row(*(cell for v in pair if v for cell in _fail(v)))
     return table
 
 

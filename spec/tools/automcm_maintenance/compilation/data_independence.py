@@ -11,6 +11,7 @@ numbers and other integers (proposals, seq, limits) have different types there.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -64,7 +65,7 @@ _ORDER = {"<", ">", "\\leq", "\\geq"}
 class _Kinds(Types):
     """Types that distinguish ids and session numbers.  ``uses``: who does what with which."""
 
-    uses: dict[tuple[Type, str], dict[str, None]] = field(default_factory=dict)
+    uses: defaultdict[tuple[Type, str], set[str]] = field(default_factory=lambda: defaultdict(set))
 
     def _given(self, text: str) -> Type:
         return ID if text == "id" else super()._given(text)
@@ -114,16 +115,14 @@ class _Kinds(Types):
             return BOOL
         for found in (first, second):
             if found not in (INT, LITERAL):
-                what = "an id" if found == ID else "a session number"
-                raise NotCompiled(
-                    f"{what if found in (ID, NUMBER) else found} in {node.op}", node.at
-                )
+                names: Mapping[Type, str] = {ID: "an id", NUMBER: "a session number"}
+                raise NotCompiled(f"{names.get(found, found)} in {node.op}", node.at)
         return SetOf(INT) if node.op == ".." else BOOL if node.op in _ORDER else INT
 
     def _note(self, found: Type, use: str) -> None:
         for kind in (ID, NUMBER):
             if _has(found, kind):
-                self.uses.setdefault((kind, use), {})[self._inside] = None
+                self.uses[kind, use].add(self._inside)
 
 
 def _has(found: Type, kind: Type) -> bool:
@@ -146,16 +145,12 @@ def uses(xml: bytes) -> dict[tuple[str, str], list[str]]:
     spec = sany.read(xml)
     kinds = _Kinds(spec, CONSTANTS, compiler.PLAN.classes)
     kinds.infer(ROOTS)
-    found: dict[tuple[str, str], list[str]] = {}
-    for kind in (ID, NUMBER):
-        for use in USES:
-            names = kinds.uses.get((kind, use), {})
-            found[kind.name, use] = [
-                name
-                for name, one in spec.operators.items()
-                if name in names and one.at.module == "Station"
-            ]
-    return found
+    ours = [name for name, one in spec.operators.items() if one.at.module == "Station"]
+    return {
+        (kind.name, use): [name for name in ours if name in kinds.uses[kind, use]]
+        for kind in (ID, NUMBER)
+        for use in USES
+    }
 
 
 def table() -> str:

@@ -107,7 +107,8 @@ class Translator:
             bound, test, pending = self._bind(arm.args[0], pending)
             lines += [*bound, f"    if {self.condition(test, 'case')}:"]
             lines += ["    " + line for line in self.statements(arm.args[1], pending)]
-        return [*lines, f"    raise NoArm({_where(node)!r})"]
+        where = f"{node.at.module}.tla:{node.at.line}"
+        return [*lines, f"    raise NoArm({where!r})"]
 
     def _bind(
         self, node: Node, pending: Sequence[tuple[str, Node]]
@@ -139,12 +140,9 @@ class Translator:
         if node.bounds and node.op != "let":
             return self.needs(node.bounds[0][1], name)
         if node.op == "call":
-            both = zip(node.args, self._parameters(node), strict=True)
+            both = zip(node.args, self.types.spec.operators[node.name].params, strict=True)
             return any(self.needs(arg, name) and self._always(node, param) for arg, param in both)
         return any(self.needs(arg, name) for arg in node.args)
-
-    def _parameters(self, call: Node) -> Sequence[str]:
-        return self.types.spec.operators[call.name].params
 
     def _always(self, call: Node, param: str) -> bool:
         """Whether the operator always needs the parameter."""
@@ -347,7 +345,3 @@ def _flat(node: Node, ops: set[str]) -> list[Node]:
 
 def _is_empty(node: Node) -> bool:
     return node.op == "$SetEnumerate" and not node.args
-
-
-def _where(node: Node) -> str:
-    return f"{node.at.module}.tla:{node.at.line}"

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from automcm_maintenance.corpus.corpus_bad import bad_logs, bases_among
 from automcm_maintenance.corpus.corpus_walks import ModelGraph, Transition
 from automcm_spec.model_checking import models
 from automcm_spec.support import templates
-from automcm_traces.explain.explain import verdicts_of
+from automcm_traces.explain.explain import verdict_of
 from automcm_traces.export.itf_log import behaviour
 
 WALKED = (
@@ -181,21 +181,15 @@ def _of_walk(file: str, text: bytes) -> CorpusEntry:
     return CorpusEntry(file, story, "allowed", source=f"spec/models/{models.LIST}#{model}")
 
 
-def _of_counterexamples(corpus: Path, files: list[str]) -> list[CorpusEntry]:
+def _of_counterexamples(corpus: Path, files: list[str]) -> Iterator[CorpusEntry]:
     """The engine's verdict on each station of a must-fail model, with the model's story."""
     why = {m.cfg: m for m in models.load()}
-    verdicts = [verdicts_of([corpus / file])[0] for file in files]
-    entries = []
-    for file, verdict in zip(files, verdicts, strict=True):
-        model = why[file.split("/")[1]]
-        station = Path(file).stem
-        story = f"{model.cfg} breaks {model.property}, station {station}: {model.why}"
+    for file in files:
+        model, verdict = why[file.split("/")[1]], verdict_of(corpus / file)
+        story = f"{model.cfg} breaks {model.property}, station {Path(file).stem}: {model.why}"
         source = f"spec/models/{models.LIST}#{model.cfg}"
         found = verdict.finding
-        entries.append(
-            CorpusEntry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
-        )
-    return entries
+        yield CorpusEntry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
 
 
 def page(corpus: Path) -> str:

@@ -146,11 +146,6 @@ def _changed(n: int, line: int = 0, **change: Json) -> Callable[[EditedLog], tup
     return edit
 
 
-def _time_backwards(log: EditedLog) -> tuple[int, bytes]:
-    log.records[20]["t_ms"] = log.records[19]["t_ms"] - 1
-    return 21, log.as_it_is()
-
-
 def _raw(
     change: Callable[[list[bytes]], list[bytes]], line: int = 0
 ) -> Callable[[EditedLog], tuple[int, bytes]]:
@@ -168,7 +163,7 @@ SPECIAL: Mapping[str, Callable[[EditedLog], tuple[int, bytes]]] = {
     "lost_records": _changed(-1, lost_records=5),
     "seq_twice": _changed(9, 10, seq=-1),
     "seq_gap": _changed(9, 10, seq=1),
-    "time_backwards": _time_backwards,
+    "time_backwards": _changed(20, 21, t_ms=-101),  # from 700 ms, after 600 ms
     "empty": _raw(lambda lines: []),
     "rubbish": _raw(lambda lines: [bytes(range(256))], 1),
     "rubbish_inside": _raw(lambda lines: [*lines[:7], b"\xff\xfe\x00\n", *lines[8:]], 8),

@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
@@ -116,27 +115,26 @@ class ModelNode:
 class ModelGraph:
     """The graph of a closed model, as printed by TLC.  Node 0 is the initial state."""
 
-    def __init__(self, model: Model, tla: Path = TLA) -> None:
+    def __init__(self, model: Model) -> None:
         self.model = model
         self.cfg = model.config
         self.nodes: dict[int, ModelNode] = {}
-        self._inputs: dict[str, Key] = {}
         self._by_view: dict[str, int] = {}
         self._steps: list[tuple[int, Key, str]] = []
         self._open: tuple[Any, ...] = ()
         self._node = ModelNode({}, frozenset())
-        self._run(tla)
+        self._run()
         for source, key, view in self._steps:
             self.nodes[source].steps[key] = self._by_view[view]
         for node in self.nodes.values():
             node.idle = [key for key in node.idle if key not in node.steps]
 
-    def _run(self, tla: Path) -> None:
+    def _run(self) -> None:
         text = re.sub(r"^SPECIFICATION \w+$", "SPECIFICATION GSpec", self.cfg, flags=re.M)
         rest = r"^(PROPERTIES|PROPERTY|INVARIANTS?|ACTION_CONSTRAINT) .*\n"
         text = re.sub(rest, "", text, flags=re.M)
         with scratch.folder("graph") as place:
-            for path in tla.glob("*.tla"):
+            for path in TLA.glob("*.tla"):
                 shutil.copy(path, place)
             (place / "Graph.tla").write_text(MODULE.format(module=self.model.module))
             (place / "Graph.cfg").write_text(text + "INVARIANT Node\n")
@@ -147,9 +145,9 @@ class ModelGraph:
             self._open = ("node", int(line.split(",")[1].split(">")[0]))
         elif line.startswith('"<<\\"step'):
             _, source, rest = line.split(", ", 2)
-            self._open = ("step", int(source), self._input(rest))
+            self._open = ("step", int(source), _input(rest))
         elif line.startswith('"<<\\"may'):
-            self._node.idle.append(self._input(line.split(", ", 1)[1]))
+            self._node.idle.append(_input(line.split(", ", 1)[1]))
         elif line.startswith('"<<') and self._open:
             if self._open[0] == "node":
                 self._by_view[line] = self._open[1]
@@ -157,14 +155,6 @@ class ModelGraph:
             else:
                 self._steps.append((self._open[1], self._open[2], line))
             self._open = ()
-
-    def _input(self, text: str) -> Key:
-        """The station and the input at the end of a printed tuple."""
-        if text not in self._inputs:
-            unquoted = tla_values.parse(f'"{text}')
-            parsed: Any = tla_values.parse(f"<<{unquoted}")
-            self._inputs[text] = parsed[0], tlc_simulation.input_of(parsed[1])
-        return self._inputs[text]
 
     @property
     def max_rounds(self) -> int:
@@ -248,6 +238,14 @@ class ModelGraph:
     def _move(self, source: int, key: Key, target: int) -> Move:
         one, two = self.nodes[source], self.nodes[target]
         return Move(*key, one.st, two.st, one.net, two.net)
+
+
+@cache
+def _input(text: str) -> Key:
+    """The station and the input at the end of a printed tuple."""
+    unquoted = tla_values.parse(f'"{text}')
+    parsed: Any = tla_values.parse(f"<<{unquoted}")
+    return parsed[0], tlc_simulation.input_of(parsed[1])
 
 
 def _node(line: str) -> ModelNode:
