@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from automcm_evaluation.arrival.arrival_tables import NEAR_S, PAPER, SPEEDS_KMH
-from automcm_evaluation.framework.experiment import Values
+from automcm_evaluation.framework.experiment import Values, cells_of, chosen
 from automcm_simulation.road import figures as drawing
 
 COLOURS = {"with": "tab:blue", "without": "tab:orange"}
@@ -19,14 +19,10 @@ def plots(report: Values) -> drawing.NamedFigures:
 def _arrival(report: Values) -> drawing.Figure:
     figure, plots = drawing.plots(2, 1, height=6)
     for plot, speed_kmh, letter in zip(plots, SPEEDS_KMH, "ab", strict=True):
-        cells = [
-            cell["result"]
-            for cell in report["cells"]
-            if cell["values"]["part"] == "trials" and cell["values"]["speed_kmh"] == speed_kmh
-        ]
+        cells = chosen(cells_of(report), part="trials", speed_kmh=speed_kmh)
         here = report["summary"]["speeds"][str(speed_kmh)]
         for which, colour in COLOURS.items():
-            times = sorted(t for cell in cells for t in cell[which]["arrival_s"])
+            times = sorted(t for cell in cells for t in cell.result[which]["arrival_s"])
             shares = [100 * (n + 1) / len(times) for n in range(len(times))]
             plot.step([times[0], *times], [0, *shares], where="post", color=colour)
             middle = here[which]["mean_s"]

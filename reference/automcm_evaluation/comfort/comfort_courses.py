@@ -108,16 +108,13 @@ class Changer(PaperLaneChange):
 
 @dataclass(frozen=True, kw_only=True)
 class ComfortSetting:
-    """A drive of the four vehicles with its assumptions."""
+    """A drive of the four vehicles with its assumptions, which ``comfort.Settings`` explains."""
 
     four: FourVehicles
-    t_cam_loss_ms: int = 1500
-    stands_s: float = 5.0
-    """The duration of A's stop in ``leader_stops``."""
-    sees_s: float = 0.5
-    """The time after which the prescriber's application notices it."""
-    open_m: float = 150.0
-    """Gain of the open-ended prescription of ``prescriber_hangs``."""
+    t_cam_loss_ms: int
+    stands_s: float
+    sees_s: float
+    open_m: float
 
     def drawn(self, seed: int, spread_m: float) -> ComfortSetting:
         """The setting of this seed: phases of CAMs, delays, and positions within ``spread_m``."""

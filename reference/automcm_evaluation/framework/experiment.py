@@ -94,19 +94,15 @@ class Experiment:
             raise ExperimentError(
                 f"there is no profile {profile!r}; there are: {', '.join(self.profiles)}"
             )
+        settings = self.profiles[profile].model_dump(mode="json")
+        if unknown := ", ".join(name for name in changes if name not in settings):
+            known = ", ".join(settings)
+            raise ExperimentError(f"{unknown}: there is no such setting; there are: {known}")
         try:
-            return self.settings.model_validate(
-                self.profiles[profile].model_dump(mode="json") | dict(changes)
-            )
+            return self.settings.model_validate(settings | dict(changes))
         except ValidationError as error:
-            texts = []
-            for e in error.errors():
-                where = ".".join(str(part) for part in e["loc"])
-                if e["type"] == "extra_forbidden":
-                    known = ", ".join(self.settings.model_fields)
-                    texts.append(f"{where}: there is no such setting; there are: {known}")
-                else:
-                    texts.append(f"{where}: {e['input']!r}: {e['msg']}")
+            found = [(".".join(map(str, e["loc"])), e["input"], e["msg"]) for e in error.errors()]
+            texts = (f"{where}: {value!r}: {problem}" for where, value, problem in found)
             raise ExperimentError("; ".join(texts)) from None
 
     def names_of(self, report: Values) -> Values:
@@ -134,6 +130,11 @@ def grid(**values: Json) -> list[Values]:
 def blocks(trials: int, size: int) -> list[Values]:
     """So many trials in blocks of this size."""
     return [{"block": n // size, "trials": min(size, trials - n)} for n in range(0, trials, size)]
+
+
+def cells_of(report: Values) -> list[Cell]:
+    """The cells of a report."""
+    return [Cell(cell["values"], cell["result"]) for cell in report["cells"]]
 
 
 def chosen(cells: Sequence[Cell], **values: Json) -> list[Cell]:

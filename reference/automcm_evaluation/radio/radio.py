@@ -5,7 +5,7 @@ The parts are the fit of the table, sessions and drives over it, and a crowded c
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
@@ -79,5 +79,4 @@ def _fit(values: Values, seed: int) -> Values:
     for n in range(values["seeds"]):
         own = TableRadio(traffic.seed if n == 0 else seed % 2**31 + n)  # the first: as in ns-3
         parts.append(measured(own, traffic))
-    found: dict[str, Any] = pooled(parts).model_dump(mode="json")
-    return {"busy": found["busy"], "rows": found["rows"]}
+    return pooled(parts).model_dump(mode="json", include={"busy", "rows"})

@@ -10,7 +10,7 @@ from functools import partial
 from automcm_simulation.road.hazard_measures import Watched
 from automcm_spec.vocabulary.application import Abort
 
-CUTS = {"cut forth": (True, False), "cut back": (False, True), "cut both ways": (True, True)}
+CUTS = {"cut forth": ("forth",), "cut back": ("back",), "cut both ways": ("forth", "back")}
 """forth: messages of the prescriber no longer reach the target; back: the other direction."""
 KINDS = (
     *CUTS,
@@ -58,12 +58,14 @@ def inject(faults: Sequence[Injected], watched: Watched, roles: Roles) -> int:
 
     The first end of overlapping cuts ends all of them.
     """
+    ways = {"forth": (roles.prescriber, roles.target), "back": (roles.target, roles.prescriber)}
     for fault in faults:
         at, until = (partial(watched.clock.at, ms) for ms in (fault.at_ms, fault.until_ms))
         who, what = fault.kind.split(maxsplit=1)
         station_id = roles.target if who == "target" else roles.prescriber
         if fault.kind in CUTS:
-            at(partial(_cut, fault.kind, watched, roles))
+            for way in CUTS[fault.kind]:
+                at(partial(watched.radio.cut, *ways[way]))
             until(watched.radio.mend)
         elif what == "aborts":
             at(partial(_abort, watched, station_id))
@@ -75,14 +77,6 @@ def inject(faults: Sequence[Injected], watched: Watched, roles: Roles) -> int:
         else:  # a second prescriber
             watched.request(roles.second, fault.at_ms)
     return max((fault.until_ms for fault in faults), default=0)
-
-
-def _cut(kind: str, watched: Watched, roles: Roles) -> None:
-    forth, back = CUTS[kind]
-    if forth:
-        watched.radio.cut(roles.prescriber, roles.target)
-    if back:
-        watched.radio.cut(roles.target, roles.prescriber)
 
 
 def _abort(watched: Watched, station_id: int) -> None:

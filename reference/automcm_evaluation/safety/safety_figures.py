@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from automcm_evaluation.framework.experiment import Cell, Values
+from automcm_evaluation.framework.experiment import Values, cells_of, chosen
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.safety.safety_tables import lengths
 from automcm_simulation.road import figures as drawing
@@ -18,12 +18,11 @@ def plots(report: Values) -> drawing.NamedFigures:
 def _hazards(report: Values) -> drawing.Figure:
     figure, (plot,) = drawing.plots()
     b = report["summary"]["bound_ms"]
-    cells = [Cell(c["values"], c["result"]) for c in report["cells"]]
+    cells = chosen(cells_of(report), part="faults")
     styles = ("-", "--", "-.", ":")
     drawn = 0
     for row in report["summary"]["faults"]:
-        some = [c for c in cells if c.values.get("fault") == row["fault"]]
-        found = lengths([c for c in some if c.values["part"] == "faults"])
+        found = lengths(chosen(cells, fault=row["fault"]))
         if not found:
             continue
         shares = [n / len(found) for n in range(len(found) + 1)]
@@ -86,9 +85,8 @@ def _room(report: Values) -> drawing.Figure:
         for n, name in enumerate(names):
             rooms = [
                 room
-                for cell in report["cells"]
-                if cell["values"].get("speed_kmh") == speed and cell["values"]["ablation"] == name
-                for room in cell["result"]["room_m"]
+                for cell in chosen(cells_of(report), speed_kmh=speed, ablation=name)
+                for room in cell.result["room_m"]
                 if room is not None
             ]
             plot.plot(rooms, [n] * len(rooms), "|", color=f"C{n}", markersize=12)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from automcm_cli.shared.common import Json, code_3, example, progress, say, usage, write_json
 from automcm_spec.support import files
-
-if TYPE_CHECKING:
-    from automcm_evaluation.framework.experiment import Values
 
 app = typer.Typer()
 
@@ -67,14 +64,14 @@ def _command(name: str, about: str) -> None:
 
         with usage(ExperimentError):
             made = [experiment(each) for each in (NAMES if name == "all" else [name])]
-            settings = [one.set(profile, _changes(changes or [])) for one in made]
-            for one, chosen in zip(made, settings, strict=True):
-                one.cells(chosen)  # check all settings before the first run
+            wanted = [(one, one.set(profile, _changes(changes or []))) for one in made]
+            for one, settings in wanted:
+                one.cells(settings)  # check all settings before the first run
         reports = []
         with code_3("experiment", ExperimentError, OSError), progress() as notify:
-            for one, chosen in zip(made, settings, strict=True):
+            for one, settings in wanted:
                 begun = time.monotonic()
-                about = sweep.header(one, profile, seed, chosen)
+                about = sweep.header(one, profile, seed, settings)
                 folder = out / one.name
                 counted = _counted(one.name, notify)
                 cells = sweep.sweep(one, about, folder, workers=workers, notify=counted)
@@ -82,8 +79,7 @@ def _command(name: str, about: str) -> None:
                 written = report.write(made_of_them, folder)
                 reports.append(made_of_them)
                 if str(json_) != "-":
-                    took = time.monotonic() - begun
-                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+                    _show(made_of_them, time.monotonic() - begun, written)
             if name == "all":
                 whole = out.with_suffix(".md")
                 files.write(whole, report.evaluation(out))
@@ -137,12 +133,12 @@ def _counted(name: str, notify: Callable[[str], None]) -> Callable[[int, int], N
     return lambda done, of: notify(f"{name}: {done} of {of} cells")
 
 
-def _show(report: Values, cells: int, took: float, written: list[str], folder: Path) -> None:
-    say(f"{report['experiment']}: {cells} cells, {took:.0f} s")
+def _show(report: dict[str, Any], took: float, written: list[Path]) -> None:
+    say(f"{report['experiment']}: {len(report['cells'])} cells, {took:.0f} s")
     for claim in report["claims"]:
         say(f"  {claim['verdict']}: {claim['claim']}")
         say(f"    paper: {claim['paper']}; here: {claim['here']}")
-    say(f"  written to {folder}: {', '.join(written)}")
+    say(f"  written to {written[0].parent}: {', '.join(path.name for path in written)}")
 
 
 for _name, _about in ABOUT.items():

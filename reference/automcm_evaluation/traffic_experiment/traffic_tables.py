@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from statistics import fmean as mean
 
 from automcm.applications.occupancy import HARDEST
@@ -214,11 +215,6 @@ def coverage(road: Sequence[Values]) -> Values:
     }
 
 
-def ended(road: Sequence[Values]) -> dict[str, int]:
-    """How many sessions ended for each reason, in all runs with stations."""
-    return added(row["ended"] for row in road if row["variant"] == "stations")
-
-
 def indifferent(cells: Sequence[Values]) -> list[str]:
     """The scenarios in which SUMO's cooperation (lcCooperative) changed nothing in any run."""
     alone: dict[str, dict[tuple[str, float, int], Values]] = {name: {} for name in ALONE}
@@ -232,24 +228,19 @@ def indifferent(cells: Sequence[Values]) -> list[str]:
     return sorted({key[0] for key in both} - differ)
 
 
-def spread(value: Sequence[float] | None, digits: int = 1) -> str:
+def spread(
+    value: Sequence[float] | None, digits: int = 1, *, sign: str = "", unit: str = ""
+) -> str:
     """Median, and in brackets least and greatest."""
     if value is None:
         return "-"
-    middle, low, high = (f"{each:.{digits}f}" for each in value)
-    return middle if low == high else f"{middle} ({low} to {high})"
-
-
-def signed(value: Sequence[float] | None) -> str:
-    """As ``spread``, in per cent with a sign."""
-    if value is None:
-        return "-"
-    middle, low, high = (f"{each:+.1f}" for each in value)
-    return f"{middle}%" if low == high else f"{middle}% ({low} to {high})"
+    middle, low, high = (f"{each:{sign}.{digits}f}" for each in value)
+    return middle + unit + (f" ({low} to {high})" if low != high else "")
 
 
 def names(report: Values) -> Values:
-    """What the page and the claims use; ``gains``: paired travel times, beside each variant."""
+    """What the page and the claims use; ``gains``: paired travel times, beside each variant;
+    ``ended``: how many sessions ended for each reason, in all runs with stations."""
     s = report["summary"]
     gains = {n: [row[n][0] for row in s["paired"] if row[n] is not None] for n in OTHERS}
     return {
@@ -258,8 +249,8 @@ def names(report: Values) -> Values:
         "coverage": coverage(s["road"]),
         "indifferent": indifferent(report["cells"]),
         "spread": spread,
-        "signed": signed,
-        "ended": ended(s["road"]),
+        "signed": partial(spread, sign="+", unit="%"),
+        "ended": added(row["ended"] for row in s["road"] if row["variant"] == "stations"),
         "hardest": HARDEST,
         "per_km": PER_KM,
         "over_s": OVER_STEPS * STEP_MS / 1000,
