@@ -127,9 +127,8 @@ def run(values: Values, seed: int) -> Values:
     if values["part"] == "sumo":
         return _in_sumo(values, seed)
     if values["part"] == "one":
-        name = values["name"]
-        models = [values["model"] | {name: value} for value in values["tried"]]
-        return {"gain_s": [_gains(values, [model])[0] for model in models]}
+        models = [values["model"] | {values["name"]: value} for value in values["tried"]]
+        return {"gain_s": _gains(values, models)}
     flat = [
         values["model"] | {"brake": values["brake"], "restart_gap": gap, "restart_s": wait}
         for gap in values["restart_gaps"]

@@ -39,32 +39,27 @@ def _speeds(fig6: Values) -> drawing.Figure:
 
 def _bars(all_: Values) -> drawing.Figure:
     figure, plots = drawing.plots(1, 3, height=6.5)
-    names = [*(n for n in PLAIN), *COURSES]
+    names = [*PLAIN, *COURSES]
     places = {name: len(names) - n for n, name in enumerate(names)}
     for plot, what, label in (
         (plots[0], "needless_m", "needless way lost\nby B and C, m (mean)"),
         (plots[1], "braking", "hardest braking\nof B or C, m/s² (worst)"),
         (plots[2], "gap_m", "least gap, m (worst)"),
     ):
-        _with_and_without(plot, all_, places, what)
+        for shift, own, suffix, colour, kind in (
+            (0.0, PLAIN, "", "0.55", "no fault"),
+            (0.2, COURSES, "", "tab:blue", "fault, with its rule"),
+            (-0.2, COURSES, WITHOUT, "tab:orange", "fault, without"),
+        ):
+            plot.barh(
+                [places[name] + shift for name in own],
+                [all_[name + suffix][what] for name in own],
+                height=0.38,
+                color=colour,
+                label=kind,
+            )
         plot.set(xlabel=label, yticks=list(places.values()), ylim=(0.4, len(names) + 0.6))
         plot.set_yticklabels([TITLES[name] for name in names] if plot is plots[0] else [])
         plot.axvline(0, color="black", linewidth=0.8)
     drawing.legend(figure, plots[0], 3)
     return figure
-
-
-def _with_and_without(plot: drawing.Axes, all_: Values, places: dict[str, int], what: str) -> None:
-    plain = [name for name in places if name in PLAIN]
-    for shift, names, suffix, colour, label in (
-        (0.0, plain, "", "0.55", "no fault"),
-        (0.2, list(COURSES), "", "tab:blue", "fault, with its rule"),
-        (-0.2, list(COURSES), WITHOUT, "tab:orange", "fault, without"),
-    ):
-        plot.barh(
-            [places[name] + shift for name in names],
-            [all_[name + suffix][what] for name in names],
-            height=0.38,
-            color=colour,
-            label=label,
-        )

@@ -150,17 +150,14 @@ def groups(cells: Sequence[Cell], *names: str) -> list[tuple[Values, list[Cell]]
     return [(dict(zip(names, key, strict=True)), some) for key, some in sorted(found.items())]
 
 
-def share(agreed: int, trials: int, digits: int = 6) -> Values:
-    """``trials``, ``agreed``, their ``share`` and its 95 % interval, ``low`` to ``high``."""
+def agreed_share(cells: Sequence[Cell], digits: int = 6) -> Values:
+    """The ``trials`` in these cells, how many ``agreed``, their ``share`` and its 95 % interval,
+    ``low`` to ``high``."""
+    trials = sum(cell.values["trials"] for cell in cells)
+    agreed = sum(cell.result["agreed"] for cell in cells)
     low, high = (round(limit, digits) for limit in wilson(agreed, trials))
     at = round(agreed / trials, digits)
     return {"trials": trials, "agreed": agreed, "share": at, "low": low, "high": high}
-
-
-def agreed_share(cells: Sequence[Cell], digits: int = 6) -> Values:
-    """``share`` of the trials in these cells that agreed."""
-    trials = sum(cell.values["trials"] for cell in cells)
-    return share(sum(cell.result["agreed"] for cell in cells), trials, digits)
 
 
 def columns(rows: Sequence[Values]) -> Values:

@@ -94,7 +94,20 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Values:
     inject(faults, watched, ROLES)
     with ablation.applied():
         made.run(UNTIL_S)
-    return _driven(made, watched)
+    prescriber, samples, hazards = made.drivers[0], made.road.samples, watched.over()
+    assert isinstance(prescriber, LaneChange)
+    room, gap, ttc = nearest(samples, prescriber.vehicle)
+    moved = [t for t, what in prescriber.story if what == "moves over"]
+    return {
+        "room_m": room,
+        "gap_m": gap,
+        "ttc_s": ttc,
+        "braking": -min(s.acceleration for s in samples if s.station_id != ROLES.prescriber),
+        "hazards": hazards,
+        # it acts no longer than that
+        "begun": any(t < h.until_ms for t in moved for h in hazards),
+        "unasked": room is not None and not watched.agreed,
+    }
 
 
 def _informed(made: SimulatedDrive, watched: Watched) -> None:
@@ -110,22 +123,6 @@ def _informed(made: SimulatedDrive, watched: Watched) -> None:
             watched.clock.at(watched.clock.now() + STEP_MS, look)
 
     watched.clock.at(0, look)
-
-
-def _driven(made: SimulatedDrive, watched: Watched) -> Values:
-    prescriber = made.drivers[0]
-    samples = made.road.samples
-    room, gap, ttc = nearest(samples, prescriber.vehicle)
-    hazards = watched.over()
-    begun = False
-    if isinstance(prescriber, LaneChange):
-        moved = [t for t, what in prescriber.story if what == "moves over"]
-        begun = any(t < h.until_ms for t in moved for h in hazards)  # it acts no longer than that
-    own = prescriber.vehicle.station_id
-    hardest = -min(s.acceleration for s in samples if s.station_id != own)
-    unasked = room is not None and not watched.agreed
-    found = {"room_m": room, "gap_m": gap, "ttc_s": ttc, "braking": hardest}
-    return found | {"hazards": hazards, "begun": begun, "unasked": unasked}
 
 
 def nearest(

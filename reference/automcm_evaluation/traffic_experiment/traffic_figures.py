@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numpy as np
 
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.traffic_experiment.traffic_tables import ASKED
@@ -23,8 +23,19 @@ def _road(s: Values) -> figures.Figure:
     for n, variant in enumerate(("none", "silent", "stations")):
         for share, style in ((0.0, "-"), (0.1, ":"), (0.5, "--"), (1.0, "-")):
             rows = [r for r in four if (r["variant"], r["share"]) == (variant, share)]
-            label = variant if not share else f"{variant}, {share:.0%}"
-            _line(travel, rows, "s_per_km", style, f"C{n}", label)
+            if not rows:
+                continue
+            middle, low, high = zip(*(row["s_per_km"] for row in rows), strict=True)
+            travel.errorbar(
+                [row["per_km"] for row in rows],
+                middle,
+                [np.subtract(middle, low), np.subtract(high, middle)],
+                fmt=".",
+                linestyle=style,
+                color=f"C{n}",
+                label=variant if not share else f"{variant}, {share:.0%}",
+                linewidth=1,
+            )
     rows = sorted(
         (r for r in four if r["variant"] == "stations"), key=lambda r: r["per_km"] * r["share"]
     )
@@ -38,19 +49,6 @@ def _road(s: Values) -> figures.Figure:
     radio.legend()
     travel.legend(fontsize=7)
     return figure
-
-
-def _line(
-    plot: figures.Axes, rows: Sequence[Values], name: str, style: str, colour: str, label: str
-) -> None:
-    if not rows:
-        return
-    x, middle = [row["per_km"] for row in rows], [row[name][0] for row in rows]
-    low = [row[name][0] - row[name][1] for row in rows]
-    high = [row[name][2] - row[name][0] for row in rows]
-    plot.errorbar(
-        x, middle, [low, high], fmt=".", linestyle=style, color=colour, label=label, linewidth=1
-    )
 
 
 def _crowds(s: Values) -> figures.Figure:
