@@ -16,6 +16,8 @@ from pathlib import Path
 from subprocess import SubprocessError
 from typing import Any, Literal
 
+import pydantic
+
 import automcm_conformance
 from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_conformance.adapter.process import LIMIT_S, AdapterError
@@ -58,7 +60,7 @@ class CertificateRun:
     walks: tuple[tuple[str, int], ...] = WALKS
 
 
-@dataclass
+@pydantic.dataclasses.dataclass
 class MutantRow:
     """The result for a mutant: the ``cases`` that kill it, the ``difference`` of a survivor from
     the reference, or another explanation ``why``."""
@@ -76,11 +78,6 @@ class MutantRow:
     why: str = ""
     difference: Difference | None = None
 
-    @property
-    def decided(self) -> bool:
-        """Whether no further run can change the verdict."""
-        return self.verdict != "undecided"
-
     def as_dict(self) -> dict[str, object]:
         """The row for the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
@@ -88,9 +85,7 @@ class MutantRow:
     @classmethod
     def of(cls, row: dict[str, Any]) -> MutantRow:
         """The row of ``as_dict``."""
-        given = {"class_" if k == "class" else k: v for k, v in row.items()}
-        found = given.pop("difference")
-        return cls(**given, difference=Difference(**found) if found else None)
+        return cls(**{"class_" if k == "class" else k: v for k, v in row.items()})
 
 
 @dataclass
@@ -254,9 +249,10 @@ def _finished(
     rows = []
     for path, cell in sweep.finished(wanted, of, asked.folder):
         row = MutantRow.of(cell.result)
-        if not row.decided:
+        decided = row.verdict != "undecided"
+        if not decided:
             path.unlink()  # so that the next run judges it again
-        if row.decided or not problems:
+        if decided or not problems:
             rows.append(row)
     return rows, problems
 

@@ -167,16 +167,14 @@ class Hook(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Find a replaced module."""
-        return importlib.util.spec_from_loader(name, self) if name in self.sources else None
+        """Find a replaced module, which is no package."""
+        if name not in self.sources:
+            return None
+        return importlib.util.spec_from_loader(name, self, is_package=False)
 
     def get_source(self, name: str) -> str:
         """The text that replaces the module."""
         return self.sources[name]
-
-    def is_package(self, name: str) -> bool:
-        """No package can be replaced."""
-        return False
 
 
 def main() -> None:

@@ -54,7 +54,10 @@ class AnyState:
         self.oracle, self.states = oracle, oracle.states
         self.variant = variant
         self.reference = Reference(oracle.constants)
-        parameters = Parameters(**(self._limits() | variant.parameters))
+        given = self.reference.station.parameters
+        names = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
+        limits = {name: getattr(given, name) for name in names}
+        parameters = Parameters(**(limits | variant.parameters))
         self.station = self.reference.station = Station(
             ME,
             parameters,
@@ -65,11 +68,6 @@ class AnyState:
         self.station.durations = variant.durations
         message = next(value for value in oracle.inputs if isinstance(value, Receive))
         self._extra = self._extra_inputs(message)
-
-    def _limits(self) -> dict[str, int]:
-        p = self.reference.station.parameters
-        names = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
-        return {name: getattr(p, name) for name in names}
 
     def _extra_inputs(self, message: Receive) -> dict[str, Act]:
         """Inputs that no graph has: all timers due at once, alone and before an input; invalid

@@ -60,16 +60,10 @@ def summaries() -> dict[str, str]:
     """Every rule, kernel rule, application rule and property, with a summary in one line."""
     other = ("extents", "clock", *vectors.SECURED)  # of KIN-3, as collide, of APP-6, of none
     names = [name for name in vectors.KERNELS if name not in other]
-    kernels = dict(zip(KINEMATIC, names, strict=True))
-    return (
-        RULES
-        | {
-            rule: f"the kernel `{name}` ([kernels.md](kernels.md))"
-            for rule, name in kernels.items()
-        }
-        | APPLICATION
-        | {id_: f"property `{name}`" for id_, name in models.PROPERTIES.items() if id_ != "TypeInv"}
-    )
+    kernels = [f"the kernel `{name}` ([kernels.md](kernels.md))" for name in names]
+    properties = {id_: f"property `{name}`" for id_, name in models.PROPERTIES.items()}
+    del properties["TypeInv"]
+    return RULES | dict(zip(KINEMATIC, kernels, strict=True)) | APPLICATION | properties
 
 
 def found(root: Path) -> dict[str, dict[str, Cell]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from automcm_spec.model_checking.tlc_simulation import Behaviour
 from automcm_spec.vocabulary import renumbering
@@ -28,14 +29,10 @@ def seen_by(station: int) -> renumbering.Rename:
 
 def replay(behaviour: Behaviour, adapter: Callable[[], Reference]) -> str | None:
     """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
-    stations: dict[int, tuple[Reference, Any]] = {}
+    stations: defaultdict[int, Reference] = defaultdict(adapter)
     for n, (who, value, after) in enumerate(behaviour, 1):
-        if who not in stations:
-            fresh = adapter()
-            fresh.reset()
-            stations[who] = (fresh, fresh.save())
-        station, saved = stations[who]
-        station.put_state(saved)
+        station = stations[who]
+        station.put_state(station.save())
         to = seen_by(who)
         seen = renumbering.input_of(value, to)
         try:
@@ -48,5 +45,4 @@ def replay(behaviour: Behaviour, adapter: Callable[[], Reference]) -> str | None
                 f"step {n}, station {who}, {canonical(seen)}: "
                 f"spec {canonical(wanted)}, code {canonical(found)}"
             )
-        stations[who] = (station, station.save())
     return None

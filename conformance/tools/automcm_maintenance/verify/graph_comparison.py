@@ -102,7 +102,7 @@ def walk(
     *,
     stop_at_first: bool = False,
 ) -> WalkResult:
-    """Compare every state and every possible input.
+    """Compare every state and every possible input, with a new adapter.
 
     An exception of the implementation is a difference.  If it cannot enter a state, no input is
     compared there.
@@ -119,7 +119,6 @@ def walk(
             where = line(rule, inputs[-1]) if inputs else 0
             result.divergences.append(Divergence(inputs, rule, where, exp, act))
 
-    adapter.reset()
     reached: dict[int, Any] = {0: adapter.save()}
     for n, state in enumerate(oracle.states):
         here = {"state": state, "marks": oracle.marks[n]}

@@ -85,13 +85,12 @@ def generate(
     tables.  TLC is not run where nothing has changed that its result depends on.
     """
     from automcm_maintenance.documents import generated_files
-    from automcm_maintenance.induction.prove_commands import MissingProver
+    from automcm_maintenance.induction.prove_commands import FAULTS
     from automcm_spec.model_checking.models import ModelError
-    from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.model_checking.toolchain import ToolError
 
-    faults = MissingProver, TlcError, ToolError, ModelError, OSError, ValueError
     only = [path.resolve() for path in paths or ()]
+    faults = *FAULTS, ToolError, ModelError, ValueError
     with code_3("generate", *faults), progress(piped=True) as notify:
         changed = generated_files.write(notify, only)
     for path in changed:

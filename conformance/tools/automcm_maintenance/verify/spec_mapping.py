@@ -275,25 +275,16 @@ class Reference:
     """A station that can be put into a state, takes an input and returns the answer."""
 
     def __init__(self, constants: Mapping[str, Any], rules: Rules = RULES) -> None:
-        self._parameters = Parameters(
+        parameters = Parameters(
             max_rounds=constants["MaxRounds"],
             max_participants=constants["MaxParticipants"],
             outbox_limit=constants["OutboxLimit"],
             memory_limit=constants["MemoryLimit"],
         )
-        self._rules = rules
         self._base: tuple[State, spec.State] | None = None
         self._armed: dict[Timer, int] = {}
-        self.station = self._fresh()
-
-    def _fresh(self) -> Station:
-        return Station(ME, self._parameters, plan=lambda _: self._plan, rules=self._rules)
-
-    _plan: Trajectory | None = None
-
-    def reset(self) -> None:
-        """Return to the initial state."""
-        self.station = self._fresh()
+        self._plan: Trajectory | None = None
+        self.station = Station(ME, parameters, plan=lambda _: self._plan, rules=rules)
 
     def put(self, state: spec.State) -> None:
         """Enter this state of the specification, with its timers running."""

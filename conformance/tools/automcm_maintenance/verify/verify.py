@@ -362,8 +362,7 @@ def _models(report: VerifyReport, notify: Callable[[str], None], stop: tlc.TlcSt
             notify(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
 
         kept_results.check_all(chosen, KEPT, fresh=report.fresh, on_done=done, stop=stop)
-    order = [m.cfg for m in chosen]
-    report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
+    report.verdicts.sort(key=lambda verdict: chosen.index(verdict.model))
 
 
 def _proof(report: VerifyReport) -> None:

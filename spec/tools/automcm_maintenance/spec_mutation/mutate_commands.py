@@ -20,12 +20,8 @@ from automcm_spec.model_checking import models
 
 KEPT = ROOT / "runs" / "mutation"
 PROFILES: tuple[str, ...] = get_args(Profile)
-
-
 LONGEST_S = 6
 """The quick and full models that take no longer, in seconds, are run."""
-
-
 FAULTS = (MissingPackage, MutationError, models.ModelError, OSError, ValueError)
 """Errors that end a run with exit code 3."""
 
