@@ -66,10 +66,8 @@ def explain(
         errors.append(kinds)
         findings = [kind.as_dict() for kind in kinds[: lint_.FIRST]]
         reports.append(verdict.as_dict() | written[-1] | ({"findings": findings} if kinds else {}))
-    if system is None:
-        write_json(json_, reports[0])
-    else:
-        write_json(json_, {"logs": reports, "system": system.as_dict()})
+    together = None if system is None else {"logs": reports, "system": system.as_dict()}
+    write_json(json_, together or reports[0])
     if str(json_) != "-":
         start_ms = None if absolute else explain_.start_times(verdicts)
         for verdict, where, kinds, log in zip(verdicts, written, errors, logs, strict=True):
@@ -137,14 +135,10 @@ def replay(
 def _replayed(result: Replayed) -> list[str]:
     from automcm_traces.explain.explain import expected
 
-    place = at_line(result.file, result.line)
-    head = {
-        "allowed": f"{result.file}: FOLLOWS the specification, {result.inputs} inputs",
-        "diverges": f"{place}: DIVERGES: {result.event}",
-        "cannot_tell": f"{place}: CANNOT TELL: {result.event}",
-        "error": f"{place}: ERROR: {result.event}",
-    }
-    lines = [head[result.verdict]]
+    word = result.verdict.replace("_", " ").upper()
+    lines = [f"{at_line(result.file, result.line)}: {word}: {result.event}"]
+    if result.verdict == "allowed":
+        lines = [f"{result.file}: FOLLOWS the specification, {result.inputs} inputs"]
     if result.verdict != "allowed" and result.input:
         lines.append(f"  last input, {result.inputs} of {result.total}: {result.input}")
     lines += [f"  {line}" for line in expected(result.expected)]

@@ -134,9 +134,7 @@ class Canonical:
         for name in ("message", "command", "indication", "timer"):
             if name in fields:
                 fields[name] = self._plain(fields[name], mine)
-        indication = fields.get("indication")
-        if indication is not None:
-            indication.pop("rule", None)
+        fields.get("indication", {}).pop("rule", None)
         return CanonicalEvent(line, event, fields)
 
     def _plain(self, value: Json, mine: int) -> Json:

@@ -337,11 +337,8 @@ def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:
     if d is None:
         return
     for file, entry in ((one.file_a, d.a), (one.file_b, d.b)):
-        yield (
-            f"  {file}:{entry.line}: {summary(entry.event)}"
-            if entry
-            else f"  {file}: nothing like it"
-        )
+        event = f"{entry.line}: {summary(entry.event)}" if entry else " nothing like it"
+        yield f"  {file}:{event}"
     for name, x, y in d.fields:
         yield f"  {name}: {_short(x)} | {_short(y)}"
     each = (width - 5) // 2

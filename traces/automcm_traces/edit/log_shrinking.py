@@ -55,9 +55,13 @@ class Shrunk:
     logs: Candidate
     before: dict[str, int]
     """The number of events in each given log."""
+    most: int
     tries: int = 0
-    ended: bool = False
-    """Whether the search reached its limit of tries."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the search reached its limit of tries."""
+        return self.tries >= self.most
 
     @property
     def line_now(self) -> int:
@@ -127,13 +131,14 @@ def shrink(
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
     if wrong is not None and wrong.finding.kind != "forged":
         alone = LogSlice.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
-        found = Shrunk(wrong.finding, (alone,), {name_of(path): _events(path) for path in paths})
+        before = {name_of(path): _events(path) for path in paths}
+        found = Shrunk(wrong.finding, (alone,), before, tries)
         wanted = _signature(wrong)
 
         def same(logs: Sequence[Log]) -> bool:
             return _signature(explain(logs[0], late_ms)) == wanted
 
-        return Search(found, same, tries, on_progress).run()
+        return Search(found, same, on_progress).run()
     for v in verdicts:
         if v.verdict == "unreadable":
             where = at_line(v.file, v.finding.at.line)
@@ -147,18 +152,16 @@ def shrink(
         logs = tuple(LogSlice.read(path) for path in paths)
     except BadInput:  # records are missing, as its verdict states
         raise NothingToShrink(text, code) from None
-    before = {log.file: len(log.items) for log in logs}
-    if wrong is not None:
-        problem = shows_too(wrong.finding, verdicts, late_ms)
-        return Search(Shrunk(wrong.finding, logs, before), problem, tries, on_progress).run()
-    system = judge([log.log() for log in logs]) if len(paths) > 1 else None
-    violated = None if system is None else next(iter(_violations(system)), None)
-    if violated is None:
-        if code == 1 and system is not None and system.hazards:
+    problem = None if wrong is None else wrong.finding
+    if problem is None and len(paths) > 1:
+        system = judge([log.log() for log in logs])
+        problem = next(iter(_violations(system)), None)
+        if code == 1 and system.hazards:
             text = "a fault caused a hazard, but all stations behave as allowed: nothing to shrink"
+    if problem is None:
         raise NothingToShrink(text, code)
-    problem = shows_too(violated, verdicts, late_ms)
-    return Search(Shrunk(violated, logs, before), problem, tries, on_progress).run()
+    found = Shrunk(problem, logs, {log.file: len(log.items) for log in logs}, tries)
+    return Search(found, shows_too(problem, verdicts, late_ms), on_progress).run()
 
 
 def _events(path: Path) -> int:
@@ -229,21 +232,15 @@ class Search:
     found: Shrunk
     """The smallest logs so far."""
     same: Test
-    most: int
     on_progress: Callable[[str], None]
     _refused: set[tuple[tuple[int, ...], ...]] = field(default_factory=set)
-
-    @property
-    def ended(self) -> bool:
-        """Whether the limit of tries is reached."""
-        return self.found.tries >= self.most
 
     def run(self) -> Shrunk:
         """Search as far as the limit of tries allows."""
         self._sessions()
         self._logs()
         size = -1
-        while size != self._size() and not self.ended:
+        while size != self._size() and not self.found.ended:
             size = self._size()
             for n in range(len(self.found.logs)):
                 self._exchanges(n)
@@ -252,7 +249,6 @@ class Search:
             if size == self._size():
                 for n in range(len(self.found.logs)):
                     self._some_fewer(n)
-        self.found.ended = self.ended
         return self.found
 
     def _size(self) -> int:
@@ -278,7 +274,7 @@ class Search:
     def _exchanges(self, n: int) -> None:
         """Leave out everything about one proposal, or about one message."""
         again = True
-        while again and not self.ended:
+        while again and not self.found.ended:
             found = self.found.logs[n].by_number()
             again = any(self._without({id(item) for item in items}) for items in reversed(found))
 
@@ -306,7 +302,7 @@ class Search:
         down = range(len(steps), -1, -1)
         rows = [steps[at : at + size] for size in down for at in down]
         for away in [*rows, *combinations(reversed(steps), 2)]:
-            if self.ended or self._without({id(item) for step in away for item in step}):
+            if self.found.ended or self._without({id(item) for step in away for item in step}):
                 return
 
     def _without(self, away: set[int]) -> bool:
@@ -351,7 +347,7 @@ class Search:
         return away
 
     def _try(self, candidate: Candidate) -> bool:
-        if self.ended:
+        if self.found.ended:
             return False
         self.found.tries += 1
         if not self.same([log.log() for log in candidate]):

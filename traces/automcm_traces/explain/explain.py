@@ -294,11 +294,11 @@ def verdicts(found: Sequence[JudgedLog]) -> list[Verdict]:
 def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], SystemReport]:
     """The verdicts on the logs of one run, and the report on all together."""
     logs = _complete_logs(found)
-    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
     try:
         merged = merge(logs)
     except MergeError:
-        return verdicts(found), judge(logs, timelines)
+        return verdicts(found), judge(logs)
+    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
     return _with_forged(found, forged_receptions(merged)), judge_merged(merged, timelines)
 
 
@@ -365,10 +365,8 @@ def _lines(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
         case "allowed":
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"
             yield from _allowed(verdict)
-        case "unreadable":
-            yield f"{where}: UNREADABLE: {found.observed}"
-        case "cannot_tell":
-            yield f"{where}: CANNOT TELL: {found.observed}"
+        case "unreadable" | "cannot_tell" as word:
+            yield f"{where}: {word.replace('_', ' ').upper()}: {found.observed}"
         case "diverges":
             yield f"{where}: DIVERGES at {found.observed}"
             if verdict.judged_from:

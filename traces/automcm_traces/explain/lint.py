@@ -393,14 +393,11 @@ class _Lint:
 
     def _end(self, end: dict[str, Json]) -> Iterator[Finding]:
         seq, lost = end.get("seq"), end.get("lost_records")
-        if type(seq) is int and seq >= 0:
-            if seq > self._seq:
-                problem = f"{seq}, but the last event has {self._seq}: {seq - self._seq} missing"
-                yield self._found("seq", "seq", problem)
-            elif seq < self._seq:
-                yield self._found("seq", "seq", f"{seq}, but the last event has {self._seq}")
-        elif type(seq) is int:
+        if type(seq) is int and seq < 0:
             yield self._found("seq", "seq", f"must be at least 0, not {seq}")
+        elif type(seq) is int and seq != self._seq:
+            missing = f": {seq - self._seq} missing" if seq > self._seq else ""
+            yield self._found("seq", "seq", f"{seq}, but the last event has {self._seq}{missing}")
         if type(lost) is int and lost > 0:
             yield self._found("end", "lost_records", f"{lost} events were not logged")
         self._ended = True
@@ -410,15 +407,13 @@ class _Lint:
             yield self._found("end", "", "the log has no end record")
         if not isinstance(self._promised, list | tuple):
             return
+        self._line = 1  # that of the header
         if "timer" in self._promised and self._reliable and not self._kinds["timer"]:
             problem = "promises all timers, but reliable messages have none in this log (REL-1)"
-            yield self._promise(problem)
+            yield self._found("complete", "complete", problem)
         if "send" in self._promised and self._resent and not self._kinds["send"]:
             problem = "promises all sent messages, but message timers are armed and nothing is sent"
-            yield self._promise(problem)
-
-    def _promise(self, problem: str) -> Finding:
-        return Finding("format", "complete", at=Where(self._file, 1, "complete"), observed=problem)
+            yield self._found("complete", "complete", problem)
 
     def _found(self, check: str, field: str, problem: str) -> Finding:
         return Finding("format", check, at=Where(self._file, self._line, field), observed=problem)

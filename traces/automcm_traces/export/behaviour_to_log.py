@@ -165,21 +165,18 @@ class _LogBuilder:
         if not h.station:
             return
         me, now = self._stations[h.station], self._times[h.station][n]
-        more = {
-            "rule": h.effects.outcome.rule,
-            "phase": h.effects.outcome.st.phase,
-            "role": h.effects.outcome.st.role,
-        }
+        outcome = h.effects.outcome
+        more = {"rule": outcome.rule, "phase": outcome.st.phase, "role": outcome.st.role}
         received_message = self._input(n, h, now, more)
-        for m in sorted(h.effects.outcome.out, key=lambda m: (m.type == "Ack", canonical(m))):
+        for m in sorted(outcome.out, key=lambda m: (m.type == "Ack", canonical(m))):
             self._send(h, m, now, received_message)
-        for timer in sorted(h.effects.outcome.stop, key=canonical):
+        for timer in sorted(outcome.stop, key=canonical):
             me.open.pop(timer, None)
             named = self._timer(h.station, timer)
             me.events.append(("timer", now, {"op": "stop", "timer": named}))
-        for timer in sorted(h.effects.outcome.arm, key=canonical):
+        for timer in sorted(outcome.arm, key=canonical):
             self._arm(h, timer, now)
-        if h.effects.outcome.told != ("nothing",):
+        if outcome.told != ("nothing",):
             indication = self._indication(h, received_message)
             me.events.append(("indication", now, {"indication": indication}))
         if h.effects.marks != me.marks:
@@ -236,10 +233,8 @@ class _LogBuilder:
                 return as_sent if m.reason == "as_sent" else m.reason
             if name == "of":
                 type_, seq = m.of
-                return {
-                    "type": type_,
-                    "seq": self._sent[h.station, type_, m.src, m.session, seq]["seq"],
-                }
+                sent = self._sent[h.station, type_, m.src, m.session, seq]
+                return {"type": type_, "seq": sent["seq"]}
             return self._given(name, m.session, m.proposal)
 
         return tx, wire_forms.message(NAMES, m, number if m.seq else 0, content)
@@ -311,9 +306,8 @@ class _LogBuilder:
         if h.deadlines is not None:
             deadline = h.deadlines[timer]
         elif timer == LEASE:
-            deadline = (
-                now + self._lease[h.effects.outcome.st.session, h.effects.outcome.st.proposal]
-            )
+            after = h.effects.outcome.st
+            deadline = now + self._lease[after.session, after.proposal]
         fields = {"op": "arm", "timer": named, "deadline": deadline}
         if timer != LEASE:
             me.open[timer] = len(me.events)
@@ -324,14 +318,10 @@ class _LogBuilder:
             case (name, int(p)):
                 return {"name": name, "station": real_id(p)}
             case (name, Entry(type=type_, to=to, session=session, seq=k)):
-                about: dict[str, Json] = {"type": type_}
-                if to:
-                    about["to"] = real_id(to)
+                about: dict[str, Json] = {"type": type_} | ({"to": real_id(to)} if to else {})
                 seq = self._sent[station, type_, to, session, k]["seq"]
-                return {
-                    "name": name,
-                    "message": about | {"session": NAMES.session(session), "seq": seq},
-                }
+                about |= {"session": NAMES.session(session), "seq": seq}
+                return {"name": name, "message": about}
         return {"name": timer[0]}
 
     def _indication(self, h: BehaviourStep, received_message: dict[str, Json]) -> dict[str, Json]:
@@ -341,10 +331,8 @@ class _LogBuilder:
         session = h.before.session if after.session == (0, 0) else after.session
         if session != (0, 0):
             indication["session"] = NAMES.session(session)
-        if name in ("verify", "accepted"):
-            indication["proposal"] = after.proposal
-        if name == "propose":
-            indication["proposal"] = after.proposal + 1
+        if name in ("verify", "accepted", "propose"):
+            indication["proposal"] = after.proposal + (name == "propose")
         if about:
             indication["reason"] = received_message["reason"] if about[0] == "as_sent" else about[0]
         return indication

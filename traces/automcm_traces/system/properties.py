@@ -21,7 +21,7 @@ from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard
 from automcm_traces.system.log_merge import Merged, MergeError, merge
-from automcm_traces.system.timeline import Moment, Timeline
+from automcm_traces.system.timeline import Moment, Period, Session, Timeline
 from automcm_traces.system.world import World
 
 Outcome = Literal["holds", "violated", "cannot_tell"]
@@ -67,18 +67,16 @@ class PropertyResult:
 class Stay:
     """A period of a station in a session."""
 
-    session: tuple[int, int]
-    station: int
-    start: Moment
-    end: Moment | None
+    session: Session
+    period: Period
     file: str
     ended: str
     """How it ended, as text."""
 
     def text(self, start_ms: int = 0) -> str:
         """One line. ``start_ms`` is the time that counts as 0."""
-        start, end = self.start, self.end
-        text = f"{self.session[0]}/{self.session[1]}: station {self.station} as {start.role}"
+        start, end = self.period.start, self.period.end
+        text = f"{self.session[0]}/{self.session[1]}: station {self.period.station} as {start.role}"
         text = f"{text} from {self.file}:{start.line} ({start.t_ms - start_ms} ms)"
         if end is not None:
             text = f"{text} to {self.file}:{end.line} ({end.t_ms - start_ms} ms)"
@@ -159,20 +157,16 @@ class SystemReport:
         return "\n".join([*lines, *(h.text(zero) for h in self.hazards)])
 
 
-def judge(logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
-    """The report on the logs of one run; there is one for any logs.
-
-    ``timelines`` are the timelines already known, by file.
-    """
-    files = tuple(log.file for log in logs)
+def judge(logs: Sequence[Log]) -> SystemReport:
+    """The report on the logs of one run; there is one for any logs."""
     try:
-        return judge_merged(merge(logs), timelines)
+        return judge_merged(merge(logs))
     except MergeError as error:
-        return SystemReport(files=files, problem=str(error))
+        return SystemReport(files=tuple(log.file for log in logs), problem=str(error))
 
 
 def judge_merged(merged: Merged, timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
-    """``judge`` for logs that are merged already."""
+    """``judge`` for merged logs; ``timelines`` are those already known, by file."""
     world = World(merged, timelines)
     lines = list(world.timelines.values())
     partly = [f"nothing after {t.why}" for t in lines if t.ending in ("diverges", "cannot_tell")]
@@ -236,12 +230,11 @@ def _sessions(world: World) -> list[Stay]:
     for station, line in world.timelines.items():
         for period in line.sessions():
             assert period.session is not None
-            start, end = period.start, period.end
             ended = f"not ended: {line.why}"
-            if end is not None:
+            if (end := period.end) is not None:
                 ended = f"{end.cause} by {end.rule}{world.told(station, end)}"
-            stays.append(Stay(period.session, station, start, end, line.file, ended))
-    return sorted(stays, key=lambda stay: (stay.session, stay.station))
+            stays.append(Stay(period.session, period, line.file, ended))
+    return sorted(stays, key=lambda stay: (stay.session, stay.period.station))
 
 
 def _pairs(lines: Iterable[Timeline]) -> Iterator[tuple[Timeline, Moment, Moment]]:
@@ -296,7 +289,7 @@ def _logged_before(
 ) -> Checked:
     """Whether another station has sent or received a message before a moment: the event ``at``."""
     where = world.timelines[station].where(m)
-    if world.merged.place(other) is None:
+    if other not in world.timelines:
         return None, f"{where}: no log of station {other}"
     if at is not None:
         return not world.before(station, m.at, other, at), f"{where}: {fault}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -63,7 +62,7 @@ def of(path: Path | None, nodes: Sequence[Node], logs: Sequence[Log]) -> Json:
     times = [logs[i].events[k][1].t_ms for i, k in nodes]
     first_frame = min(times, default=0) // found.every_ms
     last = max(times, default=0) // found.every_ms + 1
-    plain = json.loads(found.model_dump_json())
+    plain = found.model_dump()
     return plain | {
         "first_ms": first_frame * found.every_ms,
         "frames": plain["frames"][first_frame : last + 1],
