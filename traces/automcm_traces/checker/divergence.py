@@ -17,17 +17,7 @@ from automcm_spec.vocabulary.rules import RULES, handler, kind
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
-from automcm_traces.checker.track import (
-    NO_INDICATION,
-    NUMBERED,
-    PHASES,
-    ROLES,
-    Limits,
-    Track,
-    latest_cam,
-    short,
-    timer_of,
-)
+from automcm_traces.checker.track import NO_INDICATION, NUMBERED, PHASES, ROLES, Track, short
 
 Action = tuple[str, ...]
 """An effect or state of a station: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
@@ -69,7 +59,7 @@ def _why(d: Diverges, track: Track) -> Why:
     question = Question(track, d.step.given, d.step.content) if d.step else Question(track)
     seen = d.seen[1] if d.seen is not None else ""
     if wanted[0] == "expire" and isinstance(seen, Part):
-        timer = timer_of(track, seen)
+        timer = track.timer_of(seen)
         if timer is None or not (nearest := question.unarmed(timer)):
             return known
         phases = question.arms(timer) if len(timer) == 1 else []
@@ -106,7 +96,7 @@ class Block:
 
 @lru_cache(maxsize=4096)  # the tries of ``trace shrink`` diverge in equal states
 def _smallest_block(
-    limits: Limits, me: int, st: State, i: Input, wanted: Action, most: int
+    limits: tuple[int, ...], me: int, st: State, i: Input, wanted: Action, most: int
 ) -> Block | None:
     """The smallest set of guards that block the wanted action.
 
@@ -293,7 +283,7 @@ def _wanted(d: Diverges) -> Action:
     if step is None:
         return ()
     if step.messages:
-        return ("without", "send", step.messages[0].type)
+        return ("without", "send", step.messages[0].value.type)
     for op, pool in (("arm", step.arm), ("stop", step.stop)):
         if pool:
             return ("without", op, short(pool[0]))
@@ -368,7 +358,7 @@ def _state(t: Track) -> str:
         ("proposal", st.proposal),
         ("recorded", sorted(st.recorded)),
         ("withdrawn", sorted(st.withdrawn)),
-        ("outbox", [f"{e.type} to {e.to} seq={e.message.seq}" for e in t.outbox]),
+        ("outbox", [f"{e.spec.type} to {e.spec.to} seq={e.message.seq}" for e in t.outbox]),
     ):
         if value:
             words.append(
@@ -388,7 +378,7 @@ def _ignored_cam(d: Diverges, track: Track) -> str:
         return ""
     if d.step.input.newer or not d.step.input.marks:
         return ""
-    most = latest_cam(track, d.step.t_ms)
+    most = track.latest_cam(d.step.t_ms)
     if most is not None and m.generation_ms > most:
         ahead = f"generation_ms {m.generation_ms} is {m.generation_ms - most} ms more than {most}"
         return f"the CAM of line {d.step.at} does not count: {ahead}, the bound (ACT-5.3)"

@@ -42,16 +42,9 @@ from automcm_traces.checker.track import (
     Quarantine,
     SpecInput,
     Track,
-    advance_track,
     armed_name,
     commanded,
-    difference,
-    expected,
-    expired,
     limits_of,
-    mismatch,
-    named,
-    received,
     short,
     timer_name,
 )
@@ -144,7 +137,7 @@ class Engine:
         if step is None or isinstance(m, list | Cam):
             return False
         new = step.content, step.fresh
-        return any(difference(e, m, self.track, *new) is None for e in step.messages)
+        return any(e.difference(m, self.track, *new) is None for e in step.messages)
 
     def timers_to_change(self) -> tuple[list[Timer], list[tuple[Timer, int | None]]]:
         """The timers that the current step still stops, and those that it arms, each with its
@@ -155,10 +148,10 @@ class Engine:
         step = self.step
         if step is None:
             return [], []
-        armed = [named(self.track, step.sent, timer) for timer in step.arm]
+        armed = [self.track.named(step.sent, timer) for timer in step.arm]
         armed.sort(key=lambda timer: getattr(getattr(timer, "message", None), "seq", 0))  # as sent
         return (
-            [named(self.track, step.sent, timer) for timer in step.stop],
+            [self.track.named(step.sent, timer) for timer in step.stop],
             [(timer, self._duration(step, timer)) for timer in armed],
         )
 
@@ -246,7 +239,7 @@ class Engine:
         if after is not t.state or step.sent:
             self._no_op_cams.clear()
             was = t.state.phase
-            advance_track(t, after, step.sent)
+            t.advance(after, step.sent)
             prescribed = step.input.kind == "receive" and step.input.message.type == "Prescription"
             if prescribed and t.state.phase == "NEGOTIATING" != was:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
@@ -285,7 +278,7 @@ class Engine:
                 elif isinstance(m, Cam):
                     self._cam_received(at, event, m)
                 else:
-                    self._begin_step(at, event.t_ms, event, received(self.track, event, m))
+                    self._begin_step(at, event.t_ms, event, self.track.received(event, m))
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer)
             case ApplicationCommand(command=command):
@@ -295,7 +288,7 @@ class Engine:
 
     def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
         """A received CAM. Most change nothing, so the step of an equal CAM is reused."""
-        question, t_ms = received(self.track, event, m), event.t_ms
+        question, t_ms = self.track.received(event, m), event.t_ms
         k = self._no_op_cams.get(question.value)
         if k is None:
             step = self._begin_step(at, t_ms, event, question)
@@ -318,7 +311,7 @@ class Engine:
             ms = deadline.first - event.t_ms
             early, wanted = f"{what}: {ms} ms too early", [f"{what} {ms} ms later"]
             raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
-        question = expired(self.track, timer)
+        question = self.track.expired(timer)
         if question is None:
             gone = f"{what}: no such message in the outbox"
             raise Diverges(at, gone, "END-6", [], "", None, seen)
@@ -340,7 +333,7 @@ class Engine:
             t.state if stays else found.st,
             bool(not stays or found.arm or found.stop),
             found.told,
-            [expected(t, m, value, given) for m in sorted(found.out)],
+            [t.expected(m, value, given) for m in sorted(found.out)],
             sorted(found.arm),
             # A restart stops every timer, logged or not.
             sorted(found.stop) if value.kind != "restart" else [],
@@ -390,13 +383,13 @@ class Engine:
             problem: str | None
             if isinstance(m, list):
                 problem = ": ".join(m[0])
-            elif (problem := difference(e, m, self.track, step.content, step.fresh)) is None:
+            elif (problem := e.difference(m, self.track, step.content, step.fresh)) is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
-                step.fresh += bool(e.k and e.copy_of is None)
+                step.fresh += e.is_new
                 return
-            if e.type == fields["type"]:
-                problems.append((mismatch(e, fields), problem))
+            if e.value.type == fields["type"]:
+                problems.append((e.mismatch(fields), problem))
         least, problem = min(problems, key=lambda p: p[0], default=(0, None))
         why = f" ({problem})" if problem else ""
         wanted = self.outstanding() or [NOTHING]
@@ -451,7 +444,7 @@ class Engine:
         step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
-        value = next((one for one in pool if named(self.track, step.sent, one) == timer), None)
+        value = next((one for one in pool if self.track.named(step.sent, one) == timer), None)
         if step.input[0] == "restart" and not armed and timer in self.timers:
             del self.timers[timer]
             return

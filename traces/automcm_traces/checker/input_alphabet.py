@@ -22,6 +22,7 @@ from automcm_spec.log_format.log import (
     TimerEnd,
 )
 from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.messages import session_in
 from automcm_spec.vocabulary.renumbering import Rename
 from automcm_spec.vocabulary.station import (
     Expire,
@@ -96,11 +97,11 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
     st = track.state
     peers = {*named, track.peer, *sorted(st.recorded)[:1]}
     peers = peers - {0, track.me} or {SOMEBODY}
-    sessions = set(st.joined) | {e.session for e in track.outbox}
+    sessions = set(st.joined) | {e.spec.session for e in track.outbox}
     sessions |= {(track.me, st.number + n) for n in (0, 1)}
     joined = dict(st.joined)
     sessions |= {(p, joined.get(p, 0) + 1) for p in peers}
-    proposals = {max(st.proposal, 1), st.proposal + 1, *(e.k for e in track.outbox)}
+    proposals = {max(st.proposal, 1), st.proposal + 1, *(e.spec.seq for e in track.outbox)}
     found = Alphabet(track.limits, track.me, peers, sessions, proposals)
     return [*found.expiries(st), *found.proper, *found.broken]
 
@@ -226,9 +227,8 @@ def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
     names = ("src", "dst", "to", "target", "station")
     stations = {q for name in names if type(q := fields.get(name)) is int}
     sessions: set[Session] = set()
-    match fields.get("session"):
-        case [int(q), int(n)]:
-            sessions.add((q, n))
-            stations.add(q)
+    if (session := session_in(fields.get("session"))) is not None:
+        sessions.add(session)
+        stations.add(session[0])
     proposal = fields.get("proposal")
     return stations, sessions, {proposal} if type(proposal) is int and proposal else set()

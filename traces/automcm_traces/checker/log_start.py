@@ -75,13 +75,10 @@ def remembered_for(p: Known) -> int | None:
     """How long a station remembers anything of a session after it left it, in ms; None if the
     header lacks a parameter for this. A back-off lasts at most its default."""
     lasts = durations(p)
-    if "t_advertise" not in p or "t_life" not in p:
+    giveup, quarantine = lasts["giveup"], lasts["quarantine"]
+    if giveup is None or quarantine is None or not {"t_advertise", "t_life"} <= p.keys():
         return None
-    times = lasts["giveup"], lasts["quarantine"]
-    known = [ms for ms in times if ms is not None]
-    if len(known) < len(times):
-        return None
-    return max(*known, forgotten_at(p, 0, 0), DEFAULTS["backoff_max"])
+    return max(giveup, quarantine, forgotten_at(p, 0, 0), DEFAULTS["backoff_max"])
 
 
 def shows_standalone(event: Event) -> bool:

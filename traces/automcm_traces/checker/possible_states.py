@@ -23,7 +23,7 @@ from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
 from automcm_traces.checker.input_alphabet import LOGGED_AS, effect_of, unseen
-from automcm_traces.checker.track import CannotTell, SpecInput, Track, named, short
+from automcm_traces.checker.track import CannotTell, SpecInput, Track, short
 
 CHAIN = 8
 """The maximum number of consecutive unobserved inputs before one event."""
@@ -46,7 +46,7 @@ class _Supposing(Engine):
 
         The effects of the previous input must be complete.
         """
-        own = named(self.track, [], i.timer) if i.kind == "expire" else None
+        own = self.track.named([], i.timer) if i.kind == "expire" else None
         if own is not None:
             self.since_ms = max(self.since_ms, self.timers[own].first)
         if i.kind != "restart":  # a restart loses timers that were due before (END-8)
@@ -229,7 +229,7 @@ class _Search:
             return shows or "timer" in self.promised
         if i.kind != "expire":
             return True
-        deadline = engine.timers.get(named(engine.track, [], i.timer))
+        deadline = engine.timers.get(engine.track.named([], i.timer))
         return deadline is not None and deadline.first <= self.event.t_ms
 
     def _is_new(self, engine: _Supposing) -> bool:

@@ -39,7 +39,7 @@ from automcm_spec.vocabulary.messages import (
 )
 from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, Known, cam_lead
 from automcm_spec.vocabulary.rules import RULES, handler, line
-from automcm_spec.vocabulary.station import Input, State, Station
+from automcm_spec.vocabulary.station import Entry, Input, State, Station
 
 NUMBERED = tuple(m.__name__ for m in get_args(Message) if "proposal" in m.model_fields)
 """The message types whose seq in the specification is the proposal."""
@@ -55,21 +55,12 @@ class CannotTell(Exception):
     """The log does not contain enough for a verdict; the text says why."""
 
 
-@dataclass(slots=True)
-class OutboxEntry:
-    """A reliable message that is still being sent; ``k`` is its seq in the specification."""
+class OutboxEntry(NamedTuple):
+    """A reliable message that is still being sent."""
 
-    type: str
-    to: int
-    session: tuple[int, int]
-    k: int
+    spec: Entry
+    """The entry as a value of the specification."""
     message: Message
-
-    @property
-    def spec(self) -> spec.Entry:
-        """The entry as a value of the specification."""
-        accepted = isinstance(self.message, Acceptance) and self.message.accepted
-        return spec.Entry(self.type, self.to, self.session, self.k, accepted)
 
 
 class Quarantine(NamedTuple):
@@ -96,6 +87,119 @@ DEFAULT_LIMITS = limits_of({})
 _STATION = Station(*DEFAULT_LIMITS)
 INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
+
+
+def _about(m: Message) -> tuple[int, bool, str]:
+    """The proposal, the accepted flag and the reason of a message, or defaults."""
+    match m:
+        case Prescription():
+            return m.proposal, False, "none"
+        case Acceptance():
+            return m.proposal, m.accepted, m.reason or "none"
+        case Cancel():
+            return 0, False, m.reason
+    return 0, False, "none"
+
+
+def _copy_difference(first: Message, m: Message) -> str | None:
+    if encode(first) == encode(m):
+        return None
+    one, other = to_dict(first), to_dict(m)
+    for name in sorted({*one, *other}):
+        if not same(one.get(name), other.get(name)):
+            return f"{name}: differs from the first copy; a copy must repeat it byte for byte"
+    return None
+
+
+class Expected(NamedTuple):
+    """A message that the specification expects the station to send."""
+
+    value: spec.Message
+    """The message as a value of the specification."""
+    of: tuple[str, int | None] | None
+    """The message that an Ack names; its seq is None if that message was not observed."""
+    copy_of: OutboxEntry | None
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it is a new reliable message."""
+        return bool(self.value.seq) and self.copy_of is None
+
+    def __str__(self) -> str:
+        m = self.value
+        extra = [f"proposal={m.proposal}"] if m.proposal else []
+        if m.type == "Acceptance":
+            extra.append("accepted" if m.accepted else "refused")
+        if m.reason not in ("none", "as_sent"):
+            extra.append(m.reason)
+        if self.of:
+            extra.append(f"of {self.of[0]} seq={self.of[1]}")
+        if self.copy_of:
+            extra.append(f"copy of seq={self.copy_of.message.seq}")
+        to = f" to {m.dst}" if m.dst else ""
+        inner = f" ({', '.join(extra)})" if extra else ""
+        return f"{m.type}{to} session={m.session[0]}/{m.session[1]}{inner}"
+
+    def difference(self, m: Message, t: Track, content: Fields, fresh: int) -> str | None:
+        """The first difference of the logged message ``m`` from this one; None if they agree.
+
+        ``content`` comes from the application; ``fresh`` counts the new messages sent in this step.
+        """
+        proposal, accepted, reason = _about(m)
+        plain = (
+            ("type", self.value.type, m.type),
+            ("src", t.me, m.src),
+            ("dst", self.value.dst, m.dst),
+            ("session", list(self.value.session), list(m.session)),
+            ("proposal", self.value.proposal, proposal),
+            ("accepted", self.value.accepted, accepted),
+        )
+        for name, wanted, found in plain:
+            if wanted != found and not (name == "session" and self._opens(m, t)):
+                return f"{name}: expected {wanted}, got {found}"
+        if self.copy_of is not None:
+            return _copy_difference(self.copy_of.message, m)
+        if self.value.reason not in ("none", reason):
+            return f"reason: expected {self.value.reason}, got {reason}"
+        if self.of and isinstance(m, Ack):
+            type_, seq = self.of
+            if m.of.type != type_ or seq not in (None, m.of.seq):
+                return f"of: expected {type_} seq={seq}, got {m.of.model_dump()}"
+        if self.value.seq == 0 and m.seq != 0:
+            return f"seq: an answer must have seq 0, not {m.seq} (END-6)"
+        if self.value.seq and m.seq != t.seq + fresh + 1:
+            return f"seq: a new message must take the next seq, {t.seq + fresh + 1}, not {m.seq}"
+        fields = to_dict(m) if content else {}
+        for name in [name for name in CONTENT if name in content and name in type(m).model_fields]:
+            if not same(content[name], fields.get(name)):
+                return f"{name}: differs from the value that the application gave"
+        return None
+
+    def mismatch(self, m: Fields) -> int:
+        """1, plus the number of fields in which the logged message ``m`` differs from this one. The
+        seq and the content, which are not compared here, account for the 1."""
+        v = self.value
+        right: dict[str, object] = {"dst": v.dst, "session": [*v.session], "proposal": v.proposal}
+        right |= {"accepted": v.accepted, "reason": v.reason if v.reason != "none" else None}
+        found = {"dst": 0, "proposal": 0, "accepted": False, **m}
+        return 1 + len([name for name, value in right.items() if found.get(name) != value])
+
+    def _opens(self, m: Message, t: Track) -> bool:
+        """Whether the message opens a new session, which may take any number above the last one."""
+        new = self.value.type == "Advertisement" and self.copy_of is None
+        return new and m.session[0] == t.me and m.session[1] > t.state.number
+
+
+class SpecInput(NamedTuple):
+    """An input for the specification."""
+
+    value: Input
+    what: str
+    """The input as text."""
+    given: Message | Cam | None = None
+    """The received message, if the input is one that was observed."""
+    content: Mapping[str, object] = {}
+    """Content from the application, which the station must send unchanged."""
 
 
 @dataclass(slots=True)
@@ -144,174 +248,122 @@ class Track:
     @property
     def marks(self) -> list[tuple[int, int]]:
         """The sorted sessions that the station's CAM must name (ACT-5)."""
-        marks = {e.session for e in self.outbox if e.type == "Fin"}
+        marks = {e.spec.session for e in self.outbox if e.spec.type == "Fin"}
         return sorted(marks | ({self.session} if self.session else set()))
-
-    def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> OutboxEntry | None:
-        """The outbox entry with these values; None if there is none."""
-        key = type_, to, session, k
-        return next((e for e in self.outbox if (e.type, e.to, e.session, e.k) == key), None)
 
     def entry_of(
         self, key: MessageKey | MessageId, to: int, session: spec.Session
     ) -> OutboxEntry | None:
         """The outbox entry that a timer or an Ack names by its seq on the wire."""
-        named = key.type, to, session, key.seq
-        found = (e for e in self.outbox if (e.type, e.to, e.session, e.message.seq) == named)
+        named = (key.type, to, session), key.seq
+        found = (e for e in self.outbox if (e.spec[:3], e.message.seq) == named)
         return next(found, None)
 
+    def advance(self, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
+        """Move to the next state, with the messages that were actually sent."""
+        if after.session != self.state.session:
+            self.seq = 0
+        self.state = after
+        if after.phase != "ADVERTISING":
+            self.advertisement = None
+        if not after.proposal:
+            self.lease_ms = 0
+        if not after.heard:
+            self.last_cam_ms = self.first_cam_ms = None
+        self.outbox = [e for e in self.outbox if e.spec in after.outbox]
+        for e, m in sent:
+            if isinstance(m, Advertisement):  # its session may have any number above the last one
+                me, number = self.me, m.session[1]
+                self.state = after._replace(session=(me, number), number=number)
+                self.advertisement = m
+            elif e.is_new:
+                self.outbox.append(OutboxEntry(_STATION.entry(e.value), m))
+            if e.is_new and self.session is not None:
+                self.seq = max(self.seq, m.seq)
+            if isinstance(m, Prescription) and e.copy_of is None:
+                self.lease_ms = m.lease_ms
 
-def _about(m: Message) -> tuple[int, bool, str]:
-    """The proposal, the accepted flag and the reason of a message, or defaults."""
-    match m:
-        case Prescription():
-            return m.proposal, False, "none"
-        case Acceptance():
-            return m.proposal, m.accepted, m.reason or "none"
-        case Cancel():
-            return 0, False, m.reason
-    return 0, False, "none"
+    def expected(self, m: spec.Message, i: Input, given: Message | Cam | None) -> Expected:
+        """An expected effect of the input ``i``; ``given`` is the received message, if observed."""
+        of = None
+        if m.type == "Ack" and i.kind == "receive":
+            seq = given.seq if given is not None and not isinstance(given, Cam) else None
+            of = i.message.type, seq if i.message.seq else 0
+        entry = _STATION.entry(m)
+        copy = next((e for e in self.outbox if e.spec == entry), None) if m.seq else None
+        if m.type == "Advertisement" and self.advertisement is not None:
+            copy = OutboxEntry(entry, self.advertisement)
+        return Expected(m, of, copy)
 
+    # -- inputs
 
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """A message that the specification expects the station to send."""
+    def received(self, event: Receive, m: Message | Cam) -> SpecInput:
+        """The input for a received message or CAM. A CAM is newer if it was generated after the
+        last that counted, and is not too far ahead (ACT-5)."""
+        what = f"receive {m.type} from {m.src}"
+        if isinstance(m, Cam):
+            newer = self.last_cam_ms is None or m.generation_ms > self.last_cam_ms
+            if newer and (most := self.latest_cam(event.t_ms)) is not None:
+                newer = m.generation_ms <= most
+            session = self.state.session
+            marks = frozenset({session} if session in m.marks else ())
+            return SpecInput(spec.Cam("cam", m.src, marks, newer), what, m)
+        of = ("none", 0)
+        if isinstance(m, Ack):  # it names an outbox entry, or a message that matches none (END-6)
+            entry = self.entry_of(m.of, m.src, m.session) if m.of.seq else None
+            of = (entry.spec.type, entry.spec.seq) if entry is not None else ("Cancel", 0)
+        proposal, accepted, reason = _about(m)
+        reason = reason if reason in REASONS else "as_sent"
+        ids = m.type, m.src, m.dst, m.session
+        number = proposal or 1 if m.seq else 0  # an answer has none
+        message = spec.Message(*ids, number, proposal, accepted, reason, of)
+        content = {} if event.planned is None else {"planned": event.planned}
+        return SpecInput(spec.Receive("receive", message, bool(content)), what, m, content)
 
-    type: str
-    dst: int
-    session: tuple[int, int]
-    k: int
-    proposal: int
-    accepted: bool
-    reason: str
-    of: tuple[str, int | None] | None
-    """The message that an Ack names; its seq is None if that message was not observed."""
-    copy_of: OutboxEntry | None
+    def expired(self, timer: Timer) -> SpecInput | None:
+        """The input for the expiry of an armed timer; None if its message is not in the outbox."""
+        value = self.timer_of(timer)
+        what = f"expire {timer_name(timer)}"
+        return None if value is None else SpecInput(spec.Expire("expire", value), what)
 
-    def __str__(self) -> str:
-        extra = [f"proposal={self.proposal}"] if self.proposal else []
-        if self.type == "Acceptance":
-            extra.append("accepted" if self.accepted else "refused")
-        if self.reason not in ("none", "as_sent"):
-            extra.append(self.reason)
-        if self.of:
-            extra.append(f"of {self.of[0]} seq={self.of[1]}")
-        if self.copy_of:
-            extra.append(f"copy of seq={self.copy_of.message.seq}")
-        to = f" to {self.dst}" if self.dst else ""
-        inner = f" ({', '.join(extra)})" if extra else ""
-        return f"{self.type}{to} session={self.session[0]}/{self.session[1]}{inner}"
+    def latest_cam(self, t_ms: int) -> int | None:
+        """The greatest ``generation_ms`` with which a CAM received at ``t_ms`` counts (ACT-5.3);
+        None if unknown."""
+        if self.first_cam_ms is None:
+            return None
+        generated, received_ms = self.first_cam_ms
+        return generated + cam_lead(self.clock_drift, self.t_resend, t_ms - received_ms)
 
+    # -- timers
 
-def expected(t: Track, m: spec.Message, i: Input, given: Message | Cam | None) -> Expected:
-    """An expected effect of the input ``i``; ``given`` is the received message, if observed."""
-    of = None
-    if m.type == "Ack" and i.kind == "receive":
-        seq = given.seq if given is not None and not isinstance(given, Cam) else None
-        of = i.message.type, seq if i.message.seq else 0
-    copy = t.entry(m.type, m.dst, m.session, m.seq) if m.seq else None
-    if m.type == "Advertisement" and t.advertisement is not None:
-        copy = OutboxEntry(m.type, 0, m.session, 1, t.advertisement)
-    more = m.proposal, m.accepted, m.reason
-    return Expected(m.type, m.dst, m.session, m.seq, *more, of, copy)
+    def timer_of(self, timer: Timer) -> spec.Timer | None:
+        """A logged timer as a value of the specification; None if its message is neither the
+        Advertisement nor in the outbox."""
+        match timer:
+            case MessageTimer(message=MessageKey(type="Advertisement")):
+                return timer.name, spec.Entry("Advertisement", 0, self.state.session, 1, False)
+            case MessageTimer(message=MessageKey() as m):
+                entry = self.entry_of(m, m.to or 0, m.session)
+                return None if entry is None else (timer.name, entry.spec)
+            case ForgetTimer(station=int(station)):
+                return timer.name, station
+        return (timer.name,)
 
-
-def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -> str | None:
-    """The first difference of the logged message ``m`` from the expected one; None if they agree.
-
-    ``content`` comes from the application; ``fresh`` counts the new messages sent in this step.
-    """
-    proposal, accepted, reason = _about(m)
-    plain = (
-        ("type", e.type, m.type),
-        ("src", t.me, m.src),
-        ("dst", e.dst, m.dst),
-        ("session", list(e.session), list(m.session)),
-        ("proposal", e.proposal, proposal),
-        ("accepted", e.accepted, accepted),
-    )
-    for name, wanted, found in plain:
-        if wanted != found and not (name == "session" and _opens(e, m, t)):
-            return f"{name}: expected {wanted}, got {found}"
-    if e.copy_of is not None:
-        return _copy_difference(e.copy_of.message, m)
-    if e.reason not in ("none", reason):
-        return f"reason: expected {e.reason}, got {reason}"
-    if e.of and isinstance(m, Ack) and (m.of.type != e.of[0] or e.of[1] not in (None, m.of.seq)):
-        return f"of: expected {e.of[0]} seq={e.of[1]}, got {m.of.model_dump()}"
-    if e.k == 0 and m.seq != 0:
-        return f"seq: an answer must have seq 0, not {m.seq} (END-6)"
-    if e.k and m.seq != t.seq + fresh + 1:
-        return f"seq: a new message must take the next seq, {t.seq + fresh + 1}, not {m.seq}"
-    fields = to_dict(m) if content else {}
-    for name in [name for name in CONTENT if name in content and name in type(m).model_fields]:
-        if not same(content[name], fields.get(name)):
-            return f"{name}: differs from the value that the application gave"
-    return None
-
-
-def mismatch(e: Expected, m: Fields) -> int:
-    """1, plus the number of fields in which the logged message ``m`` differs from the expected one.
-    The seq and the content, which are not compared here, account for the 1."""
-    right: dict[str, object] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
-    right |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
-    found = {"dst": 0, "proposal": 0, "accepted": False, **m}
-    return 1 + len([name for name, value in right.items() if found.get(name) != value])
-
-
-def _opens(e: Expected, m: Message, t: Track) -> bool:
-    """Whether the message opens a new session, which may take any number above the last one."""
-    new = e.type == "Advertisement" and e.copy_of is None
-    return new and m.session[0] == t.me and m.session[1] > t.state.number
-
-
-def _copy_difference(first: Message, m: Message) -> str | None:
-    if encode(first) == encode(m):
-        return None
-    one, other = to_dict(first), to_dict(m)
-    for name in sorted({*one, *other}):
-        if not same(one.get(name), other.get(name)):
-            return f"{name}: differs from the first copy; a copy must repeat it byte for byte"
-    return None
-
-
-def advance_track(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
-    """Move ``t`` to the next state, with the messages that were actually sent."""
-    if after.session != t.state.session:
-        t.seq = 0
-    t.state = after
-    if after.phase != "ADVERTISING":
-        t.advertisement = None
-    if not after.proposal:
-        t.lease_ms = 0
-    if not after.heard:
-        t.last_cam_ms = t.first_cam_ms = None
-    t.outbox = [e for e in t.outbox if e.spec in after.outbox]
-    for e, m in sent:
-        if isinstance(m, Advertisement):  # its session may have any number above the last one
-            me, number = t.me, m.session[1]
-            t.state, t.advertisement = after._replace(session=(me, number), number=number), m
-        elif e.k and e.copy_of is None:
-            t.outbox.append(OutboxEntry(e.type, e.dst, e.session, e.k, m))
-        if e.k and e.copy_of is None and t.session is not None:
-            t.seq = max(t.seq, m.seq)
-        if isinstance(m, Prescription) and e.copy_of is None:
-            t.lease_ms = m.lease_ms
-
-
-# -- steps
-
-
-class SpecInput(NamedTuple):
-    """An input for the specification."""
-
-    value: Input
-    what: str
-    """The input as text."""
-    given: Message | Cam | None = None
-    """The received message, if the input is one that was observed."""
-    content: Mapping[str, object] = {}
-    """Content from the application, which the station must send unchanged."""
+    def named(self, sent: Sequence[tuple[Expected, Message]], timer: spec.Timer) -> Timer:
+        """A timer of the specification as a log names it; ``sent`` are the messages of the step. No
+        log names it before its message was sent."""
+        name: Any = timer[0]
+        match timer:
+            case (_, spec.Entry(type=type_, to=to) as entry):
+                messages = [e.message for e in self.outbox if e.spec == entry]
+                messages += [m for e, m in sent if _STATION.entry(e.value) == entry]
+                if type_ == "Advertisement" and self.advertisement is not None:
+                    messages.append(self.advertisement)
+                session, seq = (messages[0].session, messages[0].seq) if messages else (UNBOUND, -1)
+                return _message_timer(name, type_, to or None, session, seq)
+            case (_, int(station)):
+                return ForgetTimer.model_construct(name=name, station=station)
+        return _plain_timer(name)
 
 
 @dataclass(slots=True)
@@ -365,48 +417,7 @@ class InputStep:
         )
 
 
-# -- inputs
-
 RESTARTED = SpecInput(spec.Restart("restart"), "restart")
-
-
-def marked_and_newer(t: Track, m: Cam, t_ms: int) -> tuple[bool, bool]:
-    """Whether a CAM received at ``t_ms`` names the session, and is newer than the last that counted
-    and not too far ahead (ACT-5)."""
-    newer = t.last_cam_ms is None or m.generation_ms > t.last_cam_ms
-    if newer and (most := latest_cam(t, t_ms)) is not None:
-        newer = m.generation_ms <= most
-    return t.state.session in m.marks, newer
-
-
-def latest_cam(t: Track, t_ms: int) -> int | None:
-    """The greatest ``generation_ms`` with which a CAM received at ``t_ms`` counts (ACT-5.3); None
-    if unknown."""
-    if t.first_cam_ms is None:
-        return None
-    generated, received_ms = t.first_cam_ms
-    return generated + cam_lead(t.clock_drift, t.t_resend, t_ms - received_ms)
-
-
-def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:
-    """The input for a received message or CAM."""
-    what = f"receive {m.type} from {m.src}"
-    if isinstance(m, Cam):
-        marked, newer = marked_and_newer(t, m, event.t_ms)
-        return SpecInput(
-            spec.Cam("cam", m.src, frozenset({t.state.session} if marked else ()), newer), what, m
-        )
-    of = ("none", 0)
-    if isinstance(m, Ack):  # it names an outbox entry, or a message that matches none (END-6)
-        entry = t.entry_of(m.of, m.src, m.session) if m.of.seq else None
-        of = (entry.type, entry.k) if entry is not None else ("Cancel", 0)
-    proposal, accepted, reason = _about(m)
-    reason = reason if reason in REASONS else "as_sent"
-    ids = m.type, m.src, m.dst, m.session
-    number = proposal or 1 if m.seq else 0  # an answer has none
-    message = spec.Message(*ids, number, proposal, accepted, reason, of)
-    content = {} if event.planned is None else {"planned": event.planned}
-    return SpecInput(spec.Receive("receive", message, bool(content)), what, m, content)
 
 
 def commanded(command: Command) -> SpecInput:
@@ -415,16 +426,6 @@ def commanded(command: Command) -> SpecInput:
     session, proposal = tuple(given.get("session") or UNBOUND), given.get("proposal", 0)
     value = spec.Command("command", command.name, session, proposal, given.get("target", 0))
     return SpecInput(value, f"command {command.name}", None, given)
-
-
-def expired(t: Track, timer: Timer) -> SpecInput | None:
-    """The input for the expiry of an armed timer; None if its message is not in the outbox."""
-    value = timer_of(t, timer)
-    what = f"expire {timer_name(timer)}"
-    return None if value is None else SpecInput(spec.Expire("expire", value), what)
-
-
-# -- timers
 
 
 def timer_name(timer: Timer) -> str:
@@ -441,37 +442,6 @@ def armed_name(timer: Timer) -> str:
     """A logged timer as text, with the session of its message."""
     m = timer.message if isinstance(timer, MessageTimer) else None
     return timer_name(timer) + (f" session={m.session[0]}/{m.session[1]}" if m else "")
-
-
-def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
-    """A logged timer as a value of the specification; None if its message is neither the
-    Advertisement nor in the outbox."""
-    match timer:
-        case MessageTimer(message=MessageKey(type="Advertisement")):
-            return timer.name, spec.Entry("Advertisement", 0, t.state.session, 1, False)
-        case MessageTimer(message=MessageKey() as m):
-            entry = t.entry_of(m, m.to or 0, m.session)
-            return None if entry is None else (timer.name, entry.spec)
-        case ForgetTimer(station=int(station)):
-            return timer.name, station
-    return (timer.name,)
-
-
-def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Timer) -> Timer:
-    """A timer of the specification as a log names it; ``sent`` are the messages of the step. No log
-    names it before its message was sent."""
-    name: Any = timer[0]
-    match timer:
-        case (_, spec.Entry(type=type_, to=to) as entry):
-            messages = [e.message for e in track.outbox if e.spec == entry]
-            messages += [m for e, m in sent if (e.type, e.dst, e.session, e.k) == entry[:4]]
-            if type_ == "Advertisement" and track.advertisement is not None:
-                messages.append(track.advertisement)
-            session, seq = (messages[0].session, messages[0].seq) if messages else (UNBOUND, -1)
-            return _message_timer(name, type_, to or None, session, seq)
-        case (_, int(station)):
-            return ForgetTimer.model_construct(name=name, station=station)
-    return _plain_timer(name)
 
 
 @lru_cache(1000)

@@ -24,13 +24,13 @@ from automcm_spec.log_format.log import (
     typed,
 )
 from automcm_spec.log_format.number_sets import Numbers
-from automcm_spec.vocabulary.messages import Cam
+from automcm_spec.vocabulary.messages import Cam, session_in
 from automcm_spec.vocabulary.station import Station
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges, Seen
 from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.log_start import OPENING, opens, shows_standalone
-from automcm_traces.checker.track import CannotTell, Track, received
+from automcm_traces.checker.track import CannotTell, Track
 
 KEPT: Final = 20
 """The number of Advertisements remembered."""
@@ -113,7 +113,7 @@ class Hints(Watcher):
         m = None if event is None else typed(event.message or {})
         if event is None or m is None or isinstance(m, list | Cam):
             return ""
-        concerned = received(track, event.model_copy(update={"planned": {}}), m).value
+        concerned = track.received(event.model_copy(update={"planned": {}}), m).value
         outcome = Station(*track.limits).step(track.me, track.state, concerned)
         if not any(out.type == "Intention" for out in outcome.out):
             return ""
@@ -156,11 +156,8 @@ class Hints(Watcher):
 
 def _advertised(event: Receive) -> tuple[int, int] | None:
     """The session of a received Advertisement."""
-    m = event.message
-    match m and m["type"] == "Advertisement" and m.get("session"):
-        case [int(p), int(n)]:
-            return p, n
-    return None
+    m = event.message or {}
+    return session_in(m.get("session")) if m.get("type") == "Advertisement" else None
 
 
 def _in_a_session(d: Diverges, track: Track) -> bool:

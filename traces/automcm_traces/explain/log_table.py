@@ -14,7 +14,7 @@ from automcm_spec.log_format.log import End, Event, Header, Receive, Send, Timer
 from automcm_spec.log_format.reader import LogStream, Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.system.copy_folding import OfCams, Phases
-from automcm_traces.system.event_order import Head, ordered
+from automcm_traces.system.event_order import Head, Ordered
 from automcm_traces.system.fates import Arrow, Fate, Fates, head
 from automcm_traces.system.matching import Ledger, Matches
 
@@ -93,7 +93,7 @@ class Logs:
         matches = Matches([Ledger.of(LogStream(path, past_gaps=True)) for path in paths])
         fates = Fates(matches)
         feeds = [self._feed(i, fates) for i in range(len(paths))]
-        for (row,) in ordered(feeds, matches.clocks.offsets()):
+        for (row,) in Ordered(feeds, matches.clocks.offsets()):
             yield row
 
     def _feed(self, i: int, fates: Fates) -> Iterator[Head[TableRow]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.vocabulary.messages import Fields, same
@@ -16,18 +16,16 @@ from automcm_traces.system.fates import ANYONE, FATES, Fate, addressees
 from automcm_traces.system.log_merge import Merged, sends
 
 
-@dataclass(frozen=True, slots=True)
-class Forged:
+class Forged(NamedTuple):
     """A received message that nobody can have sent, and the reason."""
 
     at: Node
-    file: str
-    line: int
+    where: str
     message: str
     why: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: FORGED {self.message}: {self.why}"
+        return f"{self.where}: FORGED {self.message}: {self.why}"
 
 
 class Deliveries:
@@ -76,10 +74,10 @@ class Deliveries:
 
 
 def _forged(merged: Merged, node: Node) -> Forged:
-    e, log = merged.event(node), merged.logs[node[0]]
+    e = merged.event(node)
     assert isinstance(e, Receive) and e.message is not None, "only received messages are forged"
     text = f"{e.message['type']} from {e.message.get('src')}" + (f", tx {e.tx}" if e.tx else "")
-    return Forged(node, log.file, log.events[node[1]][0], text, merged.forged[node])
+    return Forged(node, merged.where(node), text, merged.forged[node])
 
 
 def forged_receptions(merged: Merged) -> dict[str, Finding]:

@@ -28,12 +28,7 @@ class Head(NamedTuple, Generic[Item]):
     note: bool = False
 
 
-def ordered(
-    feeds: Sequence[Iterator[Head[Item]]],
-    ahead: Sequence[int],
-    beside: Mapping[Node, Node] | None = None,
-    cycle: Callable[[list[tuple[Node, Node]]], None] = lambda circle: None,
-) -> Iterator[tuple[Item, ...]]:
+class Ordered(Generic[Item]):
     """All items, each alone or with the one beside it. At most one item of each feed is held.
 
     ``ahead`` is the offset of each log's clock in ms. ``beside`` maps events to events in the same
@@ -44,19 +39,15 @@ def ordered(
     ``cycle`` is called for each cycle of events of which each certainly needs the next one: pairs
     of an event and the one that it needs.
     """
-    order = _Order(feeds, ahead, beside or {}, cycle)
-    while (row := order.next_row()) is not None:
-        yield row
 
-
-class _Order(Generic[Item]):
     def __init__(
         self,
         feeds: Sequence[Iterator[Head[Item]]],
         ahead: Sequence[int],
-        beside: Mapping[Node, Node],
-        cycle: Callable[[list[tuple[Node, Node]]], None],
+        beside: Mapping[Node, Node] | None = None,
+        cycle: Callable[[list[tuple[Node, Node]]], None] = lambda circle: None,
     ) -> None:
+        beside = beside or {}
         self._feeds, self._ahead, self._cycle = feeds, list(ahead), cycle
         self._mates = {**beside, **{b: a for a, b in beside.items()}}
         self._heads = [next(feed, None) for feed in feeds]
@@ -82,13 +73,12 @@ class _Order(Generic[Item]):
         first = self._row(i)[0][0]
         heapq.heappush(self._heap, (self._clock(first), first, self._taken[first]))
 
-    def next_row(self) -> tuple[Item, ...] | None:
-        """The next row; None at the end."""
+    def __iter__(self) -> Iterator[tuple[Item, ...]]:
         while True:
             while not self._heap:
                 stuck = set().union(*self._waiting)
                 if not stuck:
-                    return None
+                    return
                 self._release(min(stuck))
                 for others in self._waiting:
                     others.clear()
@@ -96,7 +86,7 @@ class _Order(Generic[Item]):
                     self._offer(i)
             _, first, taken = heapq.heappop(self._heap)
             if taken == self._taken[first]:  # else it was offered by both logs of a pair
-                return self._take(self._row(first))
+                yield self._take(self._row(first))
 
     def _take(self, row: tuple[Node, ...]) -> tuple[Item, ...]:
         logs = [i for i, _ in row]

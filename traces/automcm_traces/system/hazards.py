@@ -11,7 +11,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
@@ -19,7 +19,7 @@ from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.parameters import DEFAULTS
 from automcm_traces.system.log_clocks import Span
-from automcm_traces.system.timeline import Moment, Period, Session, Timeline
+from automcm_traces.system.timeline import Moment, Period, Session
 from automcm_traces.system.world import World
 
 EXCUSES = {
@@ -120,262 +120,244 @@ def hazard(world: World, acts: Period) -> Hazard | None:
     """
     target, session = acts.start.target, acts.session
     assert session is not None, "a station that acts is bound"
-    line = world.timelines.get(target)
-    if line is None:
+    if target not in world.timelines:
         raise CannotJudge(f"no log of station {target}, the target of {session[0]}/{session[1]}")
-    committed = world.committed(target, session, acts.start.proposal)
-    if not committed:
-        return _never(world, acts, line)
-    held = committed[-1]
-    early = world.elapsed(acts.station, acts.start.t_ms, target, held.start.t_ms)
-    if early is not None and early.low > 0:
-        return _early(world, acts, held, early)
-    departure = _departure(world, acts, held, line)
-    return None if departure is None else _after(world, acts, target, *departure)
+    return _Acting(world, acts, session).hazard()
 
 
-def _never(world: World, acts: Period, line: Timeline) -> Hazard:
-    known = world.elapsed(line.station, line.last[2], acts.station, acts.start.t_ms)
-    if line.ending != "clean" or known is None or known.low > 0:
-        raise CannotJudge(f"the log of station {line.station} ends too early: {line.why}")
-    own = world.timelines[acts.station]
-    text = f"station {line.station} never committed to proposal {acts.start.proposal}"
-    return _made(world, acts, line.station, acts.start, own, text)
+class _Acting:
+    """A period in which a prescriber acts, and what the logs show of its target."""
 
+    def __init__(self, world: World, acts: Period, session: Session) -> None:
+        self._world, self._acts, self._session = world, acts, session
+        self._station, self._target = acts.station, acts.start.target
+        self._own, self._line = world.timelines[acts.station], world.timelines[self._target]
+        end = acts.end
+        last = self._own.last if end is None else (end.at, end.line, end.t_ms)
+        _, self._until_line, self._until_ms = last
+        self._known = world.log(acts.station).header.known
 
-def _early(world: World, acts: Period, held: Period, length: Span) -> Hazard:
-    own, line = world.timelines[acts.station], world.timelines[held.station]
-    text = f"station {acts.station} acts before station {held.station} accepts"
-    found = replace(
-        _made(world, acts, held.station, acts.start, own, text, length=length),
-        until=line.where(held.start),
-        until_ms=held.start.t_ms,
-        open=False,
-        ended=f"station {held.station} accepts",
-        prolonged_by="",
-    )
-    return found if found.begun_by else replace(found, bound=None, outcome="exceeds", why="")
+    def hazard(self) -> Hazard | None:
+        """As ``hazard``."""
+        start = self._acts.start
+        committed = self._world.committed(self._target, self._session, start.proposal)
+        if not committed:
+            return self._never()
+        held = committed[-1]
+        early = self._world.elapsed(self._station, start.t_ms, self._target, held.start.t_ms)
+        if early is not None and early.low > 0:
+            return self._early(held, early)
+        departure = self._departure(held)
+        return None if departure is None else self._after(*departure)
 
+    def _never(self) -> Hazard:
+        line, start = self._line, self._acts.start
+        known = self._world.elapsed(line.station, line.last[2], self._station, start.t_ms)
+        if line.ending != "clean" or known is None or known.low > 0:
+            raise CannotJudge(f"the log of station {line.station} ends too early: {line.why}")
+        text = f"station {line.station} never committed to proposal {start.proposal}"
+        return self._made(start, text)
 
-def _departure(
-    world: World, acts: Period, held: Period, line: Timeline
-) -> tuple[Moment, str] | None:
-    """The end of the commitment, and its text; None if the prescriber does not act beyond it."""
-    target = held.station
-    if held.end is not None:
-        end = held.end
-        text = f"station {target} {EXCUSES.get(end.cause, f'leaves by {end.cause}')}"
-        text += (f" by {end.rule}" if end.rule else "") + world.told(target, end)
-        return end, text
-    finish = acts.end.t_ms if acts.end is not None else world.timelines[acts.station].last[2]
-    known = world.elapsed(acts.station, finish, target, line.last[2])
-    if known is not None and known.low >= 0:
-        return None
-    own = world.timelines[acts.station]
-    if line.ending == "stopped" and not (acts.end is None and own.ending == "stopped"):
-        text = f"station {target} dies: {line.why}"
-        return Moment(*line.last, cause="stopped"), text
-    if line.ending == "clean" and acts.end is None:
-        return None  # both logs reach the end of the run
-    raise CannotJudge(f"station {target} is still committed at the end: {line.why}")
-
-
-def _after(world: World, acts: Period, target: int, departure: Moment, text: str) -> Hazard | None:
-    """The hazard of a prescriber whose target has left; None if there is none."""
-    own, line = world.timelines[acts.station], world.timelines[target]
-    ended = acts.end
-    stopped = departure.cause == "stopped"
-    if ended is not None and world.before(acts.station, ended.at, target, departure.at):
-        return None
-    finish = own.last[2] if ended is None else ended.t_ms
-    length = world.elapsed(target, departure.t_ms, acts.station, finish)
-    certain = ended is not None and world.before(target, departure.at, acts.station, ended.at)
-    excused = departure.cause in EXCUSES or bool(_begun_by(world, acts, target, departure))
-    if length is not None and length.high <= 0:
-        if ended is None:
-            why = f"station {acts.station} acts at the end of its log, and later {text}"
-            raise CannotJudge(f"{why} ({line.file}:{departure.line})")
-        return None
-    if length is None or (length.low <= 0 and not certain):
-        if length is not None and excused and length.best <= 0:
-            return None
-        if not excused and (length is None or length.best <= 0 or not certain):
-            where = f"{line.file}:{departure.line}"
-            raise CannotJudge(f"it is unknown which station left first: {text} ({where})")
-    late = world.elapsed(target, departure.t_ms, acts.station, acts.start.t_ms)
-    if late is not None and late.low > 0:  # the target left before the prescriber acted
-        text = f"{text} ({line.file}:{departure.line}) before station {acts.station} acts"
-        return _made(world, acts, target, acts.start, own, text, departure)
-    if stopped and length is not None:
-        length = Span(max(0, length.low), length.high, max(0, length.best), length.assumed)
-    return _made(world, acts, target, departure, line, text, departure, length)
-
-
-def _made(
-    world: World,
-    acts: Period,
-    target: int,
-    begin: Moment,
-    where: Timeline,
-    fault: str,
-    departure: Moment | None = None,
-    length: Span | None = None,
-) -> Hazard:
-    assert acts.session is not None
-    own, end = world.timelines[acts.station], acts.end
-    _, until_line, until_ms = own.last if end is None else (end.at, end.line, end.t_ms)
-    if where is own and length is None:
-        ms = until_ms - begin.t_ms
-        length = Span(ms, ms, ms)
-    ended = f"station {acts.station} still acts at the end of its log"
-    if end is not None:
-        ended = f"station {acts.station} leaves at {end.cause} by {end.rule}"
-        ended += world.told(acts.station, end)
-    cause = "" if departure is None else departure.cause
-    bound = bound_of(world, acts)
-    begun_by = _begun_by(world, acts, target, departure)
-    prolonged_by = _prolonged_by(world, acts, target, until_ms)
-    forged = bool(begun_by or prolonged_by)
-    outcome, why = _outcome(world, acts, target, length, bound, forged)
-    return Hazard(
-        session=acts.session,
-        prescriber=acts.station,
-        target=target,
-        since=f"{where.file}:{begin.line}",
-        since_ms=begin.t_ms,
-        until=f"{own.file}:{until_line}",
-        until_ms=until_ms,
-        length=length,
-        open=end is None,
-        fault=fault,
-        between=tuple(_between(world, acts, target, departure)) if departure is not None else (),
-        ended=ended,
-        excused=cause in EXCUSES or bool(begun_by),
-        bound=bound,
-        outcome=outcome,
-        why=why,
-        begun_by=begun_by,
-        prolonged_by=prolonged_by,
-    )
-
-
-def _begun_by(world: World, acts: Period, target: int, departure: Moment | None) -> str:
-    """The forged message that began a hazard; empty if there is none.
-
-    Because of it the prescriber acts, or the target leaves, or the target has another lease.
-    """
-    found = world.forged(acts.station, acts.start.at)
-    if departure is not None and not found:
-        found = world.forged(target, departure.at)
-    if departure is not None and not found and departure.cause == "expire lease":
-        about = target, acts.session, acts.start.proposal
-        received = world.messages("Prescription", Receive)
-        first = next((at for s, at, _, *named in received if (s, *named) == about), -1)
-        found = world.forged(target, first)
-    return found
-
-
-def _prolonged_by(world: World, acts: Period, target: int, until_ms: int) -> str:
-    """The forged CAM without which the prescriber would have detected CAM loss before it left.
-
-    Empty if there is none, or if the header lacks t_cam_loss.
-    """
-    loss = world.log(acts.station).header.known.get("t_cam_loss")
-    last_cam_ms, forged = acts.start.t_ms, ""
-    for at, t_ms in [*_cams(world, acts, target), (-1, until_ms)]:
-        if 0 <= at <= acts.start.at:
-            continue
-        if found := world.forged(acts.station, at):
-            forged = found
-            continue
-        if forged and loss is not None and t_ms - last_cam_ms > loss:
-            return forged
-        last_cam_ms, forged = t_ms, ""
-    return ""
-
-
-def _outcome(
-    world: World,
-    acts: Period,
-    target: int,
-    length: Span | None,
-    bound: Bound | None,
-    forged: bool,
-) -> tuple[Literal["within", "exceeds", "cannot_tell"], str]:
-    if bound is None:
-        return "cannot_tell", "`parameters` in the header lacks t_cam_loss"
-    if length is None:
-        return "cannot_tell", "the clocks of the two stations cannot be compared"
-    limit = bound.ms
-    delay = world.log(acts.station).header.longest_delay
-    slow = world.slowest(target, acts.station)
-    if length.low > limit:
-        if forged:
-            return "cannot_tell", "T-2 assumes that no message is forged"
-        if slow > delay:
-            return "cannot_tell", (
-                f"T-2 assumes delays of at most {delay} ms; a copy took {slow} ms"
-            )
-        return "exceeds", ""
-    if length.high <= limit:
-        return "within", ""
-    return "cannot_tell", "the bound lies within the uncertainty of the clocks"
-
-
-def bound_of(world: World, acts: Period) -> Bound | None:
-    """B = D + t_cam_loss, or the lease if it is shorter, plus the delay of the timer that ended the
-    prescriber's part. None if the header lacks t_cam_loss."""
-    header = world.log(acts.station).header
-    d, loss = header.longest_delay, header.known.get("t_cam_loss")
-    if loss is None:
-        return None
-    ms, text = d + loss, f"D + t_cam_loss = {d} + {loss}"
-    assert acts.session is not None, "a station that acts is bound"
-    lease = world.leases[acts.station].get((acts.session, acts.start.proposal))
-    if lease is not None and lease < ms:
-        ms, text = lease, f"lease = {lease}"
-    late = acts.end.late_ms if acts.end is not None else 0
-    if late > 0:
-        ms, text = ms + late, f"{text}, and the timer {late} late"
-    return Bound(ms, f"{text}: {ms} ms")
-
-
-def _between(world: World, acts: Period, target: int, departure: Moment) -> list[str]:
-    """The fate of the messages that could have shortened the hazard."""
-    found = []
-    if departure.cause == "expire cam":
-        ms = world.log(target).header.known.get("t_cam_loss") or DEFAULTS["t_cam_loss"]
-        ahead = world.elapsed(target, departure.t_ms - ms, acts.station, 0)
-        if ahead is not None:
-            events = world.log(acts.station).events
-            first, to = (
-                bisect_left(events, t - ahead.best, key=lambda entry: entry[1].t_ms)
-                for t in (0, ms)
-            )
-            when = f" in the {ms} ms before"
-            found.append(_count(world, acts.station, target, first, to - 1, "CAM", when))
-    if departure.cause != "stopped":
-        found.append(
-            _count(world, target, acts.station, departure.at, None, "Cancel", " from then on")
+    def _early(self, held: Period, length: Span) -> Hazard:
+        text = f"station {self._station} acts before station {held.station} accepts"
+        found = replace(
+            self._made(self._acts.start, text, length=length),
+            until=self._line.where(held.start),
+            until_ms=held.start.t_ms,
+            open=False,
+            ended=f"station {held.station} accepts",
+            prolonged_by="",
         )
-    log, cams = world.log(acts.station), _cams(world, acts, target)
-    if not cams:
-        return [*found, f"no CAM of station {target} counted"]
-    return [*found, f"the last CAM that counted was at {log.file}:{log.events[cams[-1][0]][0]}"]
+        return found if found.begun_by else replace(found, bound=None, outcome="exceeds", why="")
 
+    def _departure(self, held: Period) -> tuple[Moment, str] | None:
+        """The end of the commitment, and its text; None if the prescriber does not act beyond
+        it."""
+        target, line, acts = self._target, self._line, self._acts
+        if held.end is not None:
+            end = held.end
+            text = f"station {target} {EXCUSES.get(end.cause, f'leaves by {end.cause}')}"
+            text += (f" by {end.rule}" if end.rule else "") + self._world.told(target, end)
+            return end, text
+        known = self._world.elapsed(self._station, self._until_ms, target, line.last[2])
+        if known is not None and known.low >= 0:
+            return None
+        if line.ending == "stopped" and not (acts.end is None and self._own.ending == "stopped"):
+            text = f"station {target} dies: {line.why}"
+            return Moment(*line.last, cause="stopped"), text
+        if line.ending == "clean" and acts.end is None:
+            return None  # both logs reach the end of the run
+        raise CannotJudge(f"station {target} is still committed at the end: {line.why}")
 
-def _cams(world: World, acts: Period, target: int) -> list[tuple[int, int]]:
-    """The CAMs of the target that named the session and reached the prescriber before it left
-    (ACT-5): index of the event, and time."""
-    events = world.log(acts.station).events
-    found = []
-    for at in range(acts.end.at if acts.end is not None else len(events)):
-        e = events[at][1]
-        if isinstance(e, Receive) and e.message is not None and e.message.get("src") == target:
-            marks = e.message.get("marks")
-            if isinstance(marks, list) and list(acts.session or ()) in marks:
-                found.append((at, e.t_ms))
-    return found
+    def _after(self, departure: Moment, text: str) -> Hazard | None:
+        """The hazard of a prescriber whose target has left; None if there is none."""
+        world, station, target, ended = self._world, self._station, self._target, self._acts.end
+        if ended is not None and world.before(station, ended.at, target, departure.at):
+            return None
+        length = world.elapsed(target, departure.t_ms, station, self._until_ms)
+        certain = ended is not None and world.before(target, departure.at, station, ended.at)
+        excused = departure.cause in EXCUSES or bool(self._begun_by(departure))
+        where = self._line.where(departure)
+        if length is not None and length.high <= 0:
+            if ended is None:
+                why = f"station {station} acts at the end of its log, and later {text}"
+                raise CannotJudge(f"{why} ({where})")
+            return None
+        if length is None or (length.low <= 0 and not certain):
+            if length is not None and excused and length.best <= 0:
+                return None
+            if not excused and (length is None or length.best <= 0 or not certain):
+                raise CannotJudge(f"it is unknown which station left first: {text} ({where})")
+        late = world.elapsed(target, departure.t_ms, station, self._acts.start.t_ms)
+        if late is not None and late.low > 0:  # the target left before the prescriber acted
+            text = f"{text} ({where}) before station {station} acts"
+            return self._made(self._acts.start, text, departure)
+        if departure.cause == "stopped" and length is not None:
+            length = Span(max(0, length.low), length.high, max(0, length.best), length.assumed)
+        return self._made(departure, text, departure, length)
+
+    def _made(
+        self, begin: Moment, fault: str, departure: Moment | None = None, length: Span | None = None
+    ) -> Hazard:
+        station, own, end = self._station, self._own, self._acts.end
+        of = own if begin is self._acts.start else self._line
+        if of is own and length is None:
+            ms = self._until_ms - begin.t_ms
+            length = Span(ms, ms, ms)
+        ended = f"station {station} still acts at the end of its log"
+        if end is not None:
+            ended = f"station {station} leaves at {end.cause} by {end.rule}"
+            ended += self._world.told(station, end)
+        cause = "" if departure is None else departure.cause
+        bound, begun_by, prolonged_by = self._bound(), self._begun_by(departure), self._prolonged()
+        outcome, why = self._outcome(length, bound, bool(begun_by or prolonged_by))
+        return Hazard(
+            session=self._session,
+            prescriber=station,
+            target=self._target,
+            since=of.where(begin),
+            since_ms=begin.t_ms,
+            until=f"{own.file}:{self._until_line}",
+            until_ms=self._until_ms,
+            length=length,
+            open=end is None,
+            fault=fault,
+            between=() if departure is None else tuple(self._between(departure)),
+            ended=ended,
+            excused=cause in EXCUSES or bool(begun_by),
+            bound=bound,
+            outcome=outcome,
+            why=why,
+            begun_by=begun_by,
+            prolonged_by=prolonged_by,
+        )
+
+    def _begun_by(self, departure: Moment | None) -> str:
+        """The forged message that began a hazard; empty if there is none.
+
+        Because of it the prescriber acts, or the target leaves, or the target has another lease.
+        """
+        world, start = self._world, self._acts.start
+        found = world.forged(self._station, start.at)
+        if departure is not None and not found:
+            found = world.forged(self._target, departure.at)
+        if departure is not None and not found and departure.cause == "expire lease":
+            about = self._target, self._session, start.proposal
+            received = world.messages("Prescription", Receive)
+            first = next((at for s, at, _, *named in received if (s, *named) == about), -1)
+            found = world.forged(self._target, first)
+        return found
+
+    def _prolonged(self) -> str:
+        """The forged CAM without which the prescriber would have detected CAM loss before it left.
+
+        Empty if there is none, or if the header lacks t_cam_loss.
+        """
+        loss, start = self._known.get("t_cam_loss"), self._acts.start
+        last_cam_ms, forged = start.t_ms, ""
+        for at, t_ms in [*self._cams(), (-1, self._until_ms)]:
+            if 0 <= at <= start.at:
+                continue
+            if found := self._world.forged(self._station, at):
+                forged = found
+                continue
+            if forged and loss is not None and t_ms - last_cam_ms > loss:
+                return forged
+            last_cam_ms, forged = t_ms, ""
+        return ""
+
+    def _outcome(
+        self, length: Span | None, bound: Bound | None, forged: bool
+    ) -> tuple[Literal["within", "exceeds", "cannot_tell"], str]:
+        if bound is None:
+            return "cannot_tell", "`parameters` in the header lacks t_cam_loss"
+        if length is None:
+            return "cannot_tell", "the clocks of the two stations cannot be compared"
+        if length.low > bound.ms:
+            if forged:
+                return "cannot_tell", "T-2 assumes that no message is forged"
+            delay = self._world.log(self._station).header.longest_delay
+            slow = self._world.slowest(self._target, self._station)
+            if slow > delay:
+                text = f"T-2 assumes delays of at most {delay} ms; a copy took {slow} ms"
+                return "cannot_tell", text
+            return "exceeds", ""
+        if length.high <= bound.ms:
+            return "within", ""
+        return "cannot_tell", "the bound lies within the uncertainty of the clocks"
+
+    def _bound(self) -> Bound | None:
+        """B = D + t_cam_loss, or the lease if it is shorter, plus the delay of the timer that ended
+        the prescriber's part. None if the header lacks t_cam_loss."""
+        d = self._world.log(self._station).header.longest_delay
+        if (loss := self._known.get("t_cam_loss")) is None:
+            return None
+        ms, text = d + loss, f"D + t_cam_loss = {d} + {loss}"
+        proposal, end = self._acts.start.proposal, self._acts.end
+        lease = self._world.leases[self._station].get((self._session, proposal))
+        if lease is not None and lease < ms:
+            ms, text = lease, f"lease = {lease}"
+        late = end.late_ms if end is not None else 0
+        if late > 0:
+            ms, text = ms + late, f"{text}, and the timer {late} late"
+        return Bound(ms, f"{text}: {ms} ms")
+
+    def _between(self, departure: Moment) -> Iterator[str]:
+        """The fate of the messages that could have shortened the hazard."""
+        world, station, target = self._world, self._station, self._target
+        log, cams = world.log(station), self._cams()
+        if departure.cause == "expire cam":
+            ms = world.log(target).header.known.get("t_cam_loss") or DEFAULTS["t_cam_loss"]
+            ahead = world.elapsed(target, departure.t_ms - ms, station, 0)
+            if ahead is not None:
+                first, to = (
+                    bisect_left(log.events, t - ahead.best, key=lambda entry: entry[1].t_ms)
+                    for t in (0, ms)
+                )
+                when = f" in the {ms} ms before"
+                yield _count(world, station, target, first, to - 1, "CAM", when)
+        if departure.cause != "stopped":
+            when = " from then on"
+            yield _count(world, target, station, departure.at, None, "Cancel", when)
+        if cams:
+            line = log.events[cams[-1][0]][0]
+            yield f"the last CAM that counted was at {log.file}:{line}"
+        else:
+            yield f"no CAM of station {target} counted"
+
+    def _cams(self) -> list[tuple[int, int]]:
+        """The CAMs of the target that named the session and reached the prescriber before it left
+        (ACT-5): index of the event, and time."""
+        events, end = self._world.log(self._station).events, self._acts.end
+        found = []
+        for at in range(end.at if end is not None else len(events)):
+            e = events[at][1]
+            m = e.message if isinstance(e, Receive) else None
+            if m is not None and m.get("src") == self._target:
+                marks = m.get("marks")
+                if isinstance(marks, list) and list(self._session) in marks:
+                    found.append((at, e.t_ms))
+        return found
 
 
 def _count(

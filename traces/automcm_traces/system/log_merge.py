@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_spec.log_format.reader import Log
-from automcm_traces.system.event_order import Head, Node, ordered
+from automcm_traces.system.event_order import Head, Node, Ordered
 from automcm_traces.system.fates import Arrow, Fates, head
 from automcm_traces.system.log_clocks import Clocks
 from automcm_traces.system.matching import Ledger, Matches
@@ -49,9 +49,9 @@ class Merged:
         """The name of the run, equal in all logs."""
         return self.logs[0].header.run
 
-    def place(self, station: int) -> int | None:
-        """The index of a station's log; None if there is none."""
-        return self.stations.index(station) if station in self.stations else None
+    def place(self, station: int) -> int:
+        """The index of the log of a station that has one."""
+        return self.stations.index(station)
 
     def event(self, node: Node) -> Event:
         """The event of a node."""
@@ -68,7 +68,7 @@ class Merged:
         return a[1] < (b[1] if a[0] == b[0] else self._known(b)[a[0]])
 
     def feed(self, i: int) -> Iterator[Head[Node]]:
-        """The events of a log, as ``ordered`` takes them."""
+        """The events of a log, as ``Ordered`` takes them."""
         for k, (_, event) in enumerate(self.logs[i].events):
             node = i, k
             yield head(node, node, event, self.arrows.get(node, ()))
@@ -94,7 +94,7 @@ class Merged:
         feeds = [self.feed(i) for i in range(len(self.logs))]
         self._past = [([], []) for _ in self.logs]
         at, received = [0] * len(self.logs), [0] * len(self.logs)
-        for (node,) in ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
+        for (node,) in Ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
             self.order.append(node)
             at[node[0]] += 1
             event = self.event(node)
@@ -151,12 +151,10 @@ def merge(logs: Sequence[Log]) -> Merged:
 
 def _repeated(merged: Merged) -> Iterator[str]:
     """A notice for each transmission that takes the ``tx`` of another."""
-    for i, log in enumerate(merged.logs):
-        first: dict[str, int] = {}
-        for k, (_, event) in enumerate(log.events):
-            if isinstance(event, Send) and first.setdefault(event.tx, k) != k:
-                where = merged.where((i, first[event.tx]))
-                yield f"{merged.where((i, k))}: tx {event.tx} repeats {where}"
+    first: dict[tuple[int, str], Node] = {}
+    for node, event in sends(merged):
+        if (was := first.setdefault((node[0], event.tx), node)) != node:
+            yield f"{merged.where(node)}: tx {event.tx} repeats {merged.where(was)}"
 
 
 def sends(merged: Merged) -> Iterator[tuple[Node, Send]]:

@@ -166,7 +166,7 @@ class Recorder(Watcher):
             src = sender if isinstance(sender, int) else 0
             about = session_in(event.message.get("session"))
         cause = kind(step.input)
-        acked = [(e.to, key_of(to_dict(e.message))) for e in gone] if cause == "receive Ack" else []
+        acked = [(e.to, key_of(to_dict(m))) for e, m in gone] if cause == "receive Ack" else []
         late = forgot = 0
         if isinstance(event, TimerEnd):
             if isinstance(event.timer, ForgetTimer):
@@ -188,7 +188,7 @@ class Recorder(Watcher):
                 self._own,
                 late,
                 forgot,
-                any(e.session[0] == forgot for e in t.outbox),
+                any(e.spec.session[0] == forgot for e in t.outbox),
             )
         )
 

@@ -32,16 +32,13 @@ class World:
 
     def log(self, station: int) -> Log:
         """The log of a station that has one."""
-        place = self.merged.place(station)
-        assert place is not None, "the caller names a station with a log"
-        return self.merged.logs[place]
+        return self.merged.logs[self.merged.place(station)]
 
     def forged(self, station: int, at: int) -> str:
         """The forged message that an event of a station received, and its place; empty if there is
         none."""
-        place = self.merged.place(station)
-        found = None if place is None else self._forged.get((place, at))
-        return "" if found is None else f"{found.message}, at {found.file}:{found.line}"
+        found = self._forged.get((self.merged.place(station), at))
+        return "" if found is None else f"{found.message}, at {found.where}"
 
     def messages(
         self, type_: str, *events: type[Send] | type[Receive]
@@ -108,20 +105,15 @@ class World:
 
         None if their clocks cannot be compared.
         """
-        i, j = self.merged.place(a), self.merged.place(b)
-        if i is None or j is None:
-            return None
-        return self.clocks.between(i, t_a, j, t_b)
+        return self.clocks.between(self.merged.place(a), t_a, self.merged.place(b), t_b)
 
     def before(self, a: int, at_a: int, b: int, at_b: int) -> bool:
         """Whether an event of station ``a`` certainly happened before one of station ``b``."""
-        i, j = self.merged.place(a), self.merged.place(b)
-        return i is not None and j is not None and self.merged.before((i, at_a), (j, at_b))
+        return self.merged.before((self.merged.place(a), at_a), (self.merged.place(b), at_b))
 
     def slowest(self, src: int, dst: int) -> int:
         """A lower bound in ms on the longest delay of a copy from ``src`` to ``dst``."""
-        i, j = self.merged.place(src), self.merged.place(dst)
-        return 0 if i is None or j is None else self.clocks.slowest(i, j)
+        return self.clocks.slowest(self.merged.place(src), self.merged.place(dst))
 
     def apart(self, a: Period, b: Period) -> bool | None:
         """Whether two periods of different stations do not overlap; None if unknown."""

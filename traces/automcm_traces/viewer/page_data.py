@@ -19,7 +19,7 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
 from automcm_traces.system.copy_folding import Key, OfCams, Phases, folded, key_of
-from automcm_traces.system.event_order import Head, Node, ordered
+from automcm_traces.system.event_order import Head, Node, Ordered
 from automcm_traces.system.fates import FATES, Arrow
 from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare
@@ -93,7 +93,7 @@ def of_runs(
         for run, first in zip(runs, firsts, strict=False)
         for i in range(len(run.logs))
     ]
-    for nodes in ordered(feeds, ahead, beside):
+    for nodes in Ordered(feeds, ahead, beside):
         page.nodes += nodes
         if len(nodes) == 2:
             page.beside.add(len(page.nodes) - 1)
@@ -116,6 +116,7 @@ def as_dict(page: Page) -> dict[str, Json]:
     rows = _rows(page, strings, shapes, _rejected(page, arrows))
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]
+    rules = {rule for f in page.histories for rule, *_ in f.decided}
     return {
         "title": page.title,
         "note": page.note,
@@ -128,9 +129,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         "bars": _bars(page, row_of),
         "steps": steps,
         "operators": _used(page.histories),
-        "rules": {
-            r: RULES.get(r, "") for r in sorted({r for f in page.histories for r in f.rules})
-        },
+        "rules": {rule: RULES.get(rule, "") for rule in sorted(rules)},
         "strings": strings.values,
         "shapes": shapes.keys,
         "traffic": page_traffic.of(page.traffic, page.nodes, page.logs),
@@ -343,8 +342,7 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
 
 def _steps(history: StateHistory, strings: PackedTable) -> dict[str, Json]:
     lines = [b - a for a, b in zip([0, *history.steps], history.steps, strict=False)]
-    decisions = zip(history.rules, history.places, strict=True)
-    where = [strings.place([rule, *place]) for rule, place in decisions]
+    where = [strings.place(decided) for decided in history.decided]
     # States as alternating index and change, without empty changes.
     states = [part for n, change in enumerate(history.states) if change for part in (n, change)]
     return {"lines": lines, "where": where, "states": states}
@@ -355,7 +353,7 @@ def _used(histories: Sequence[StateHistory]) -> dict[str, Json]:
     known = operators()
     wanted: set[str] = set()
     for f in histories:
-        for name, line in set(f.places):
+        for _, name, line in set(f.decided):
             wanted.add(name)
             around = [o for o, (first, _) in known.items() if first <= line]
             wanted |= set(around[-1:]) if line else set()

@@ -41,9 +41,8 @@ class StateHistory:
     """Why its states are unknown; even then they are known up to a divergence."""
     steps: list[int] = field(default_factory=list)
     """The lines of the inputs."""
-    rules: list[str] = field(default_factory=list)
-    places: list[tuple[str, int]] = field(default_factory=list)
-    """For each step, the operator of Station.tla that decided it, and the line."""
+    decided: list[tuple[str, str, int]] = field(default_factory=list)
+    """For each step, the rule and the operator of Station.tla that decided it, and the line."""
     states: list[dict[str, object]] = field(default_factory=list)
     """The change after each step; every ``KEYFRAME`` steps, from the first on, the complete
     state."""
@@ -69,8 +68,8 @@ def values(t: Track) -> dict[str, object]:
         "withdrawn": sorted(st.withdrawn),
         "joined": {str(p): n for p, n in sorted(st.joined)},
         "outbox": [
-            f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {e.message.seq}"
-            for e in t.outbox
+            f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {message.seq}"
+            for e, message in t.outbox
         ],
     }
 
@@ -104,7 +103,7 @@ class States(Watcher):
         elif d is not None:
             found.why_not = f"the log diverges from the specification at line {d.finding.at.line}"
             if d.step is not None and d.seen is None:
-                found.due = [(each.type, each.dst) for each in d.step.messages]
+                found.due = [(each.value.type, each.value.dst) for each in d.step.messages]
             new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
             if d.step is not None and new and d.step.at in self._shown:
                 is_keyframe = len(found.steps) % KEYFRAME == 0
@@ -116,8 +115,8 @@ class States(Watcher):
         """Record a step; the step of a divergence keeps the state before it."""
         self.found.states.append(changed)
         self.found.steps.append(step.at)
-        self.found.rules.append(step.rule)
-        self.found.places.append((handler(step.input), line(step.rule, step.input)))
+        place = handler(step.input), line(step.rule, step.input)
+        self.found.decided.append((step.rule, *place))
 
     def history(self, log: Log) -> StateHistory:
         """The history of the log, or of a part of it."""

@@ -64,10 +64,7 @@ def led(inputs: list[Input], seq: int = 1) -> Track:
 
 
 def track(st: State, seq: int = 1) -> Track:
-    posted = [
-        OutboxEntry(e.type, e.to, e.session, e.seq, Fin(src=ME, session=e.session, seq=seq))
-        for e in st.outbox
-    ]
+    posted = [OutboxEntry(e, Fin(src=ME, session=e.session, seq=seq)) for e in st.outbox]
     return Track(ME, state=st, outbox=posted)
 
 

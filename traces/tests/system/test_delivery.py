@@ -116,7 +116,7 @@ def test_a_message_that_its_sender_did_not_send_is_forged(tmp_path: Path) -> Non
     number = lines.index(record) + 1
     two = edit(tmp_path / "2.ndjson", 0, message=content)
     (forged,) = deliveries([one, two, three]).forged
-    assert (forged.line, forged.file) == (number, two.file)
+    assert forged.where == f"{two.file}:{number}"
     assert "has another message under this tx" in str(forged) and "FORGED CAM" in str(forged)
     two = edit(tmp_path / "2.ndjson", 0, tx=f"{content['src']}:999999")
     (forged,) = deliveries([one, two, three]).forged

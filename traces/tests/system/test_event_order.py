@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from automcm_traces.system.event_order import Head, Node, ordered
+from automcm_traces.system.event_order import Head, Node, Ordered
 
 
 def rows(
@@ -23,7 +23,7 @@ def rows(
         for i, log in enumerate(times)
     ]
     cycles: list[list[tuple[Node, Node]]] = []
-    found = ordered(feeds, ahead or [0] * len(times), beside, cycles.append)
+    found = Ordered(feeds, ahead or [0] * len(times), beside, cycles.append)
     return list(found), cycles
 
 

@@ -82,7 +82,7 @@ def test_the_states_are_those_of_the_specification(path: Path) -> None:
             assert mine[name] == state[name], (n, name)
         assert len(mine["outbox"]) == len(state["outbox"]["#set"])
         assert mine["recorded"] == sorted(map(number, state["recorded"]["#set"]))
-    assert len(followed.states) == len(followed.rules) == len(followed.places) == len(itf)
+    assert len(followed.states) == len(followed.decided) == len(itf)
     assert all(set(s) == set(followed.states[0]) for s in followed.states[::100])
 
 
