@@ -65,7 +65,7 @@ def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None
 def walked(mutant: SourceMutant, folder: Path) -> Difference | None:
     file = folder / "source.py"
     file.write_text(mutant.source, encoding="utf-8")
-    return equivalence.first_difference(mutant, file, TIGHT)
+    return equivalence.first_difference(mutant, file, TIGHT, folder)
 
 
 @pytest.mark.slow
@@ -121,7 +121,7 @@ def test_only_who_is_compared_on_every_graph_is_equivalent(
     """A comparison that breaks off leaves a mutant that no case kills undecided."""
     walked: list[tuple[str, int]] = []
 
-    def first_difference(_: object, __: object, walks: Any) -> None:
+    def first_difference(_: object, __: object, walks: Any, ___: object) -> None:
         walked.extend(walks)
         if ends in {graph for graph, _ in walks}:
             raise equivalence.EquivalenceError("no end")

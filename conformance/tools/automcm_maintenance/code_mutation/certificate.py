@@ -153,7 +153,9 @@ def _judge(asked: CertificateRun, values: Values) -> Values:
         _hold(row, [sys.executable, "-m", child, m.module, str(source)], asked, folder)
         if row.verdict == "survived":
             try:
-                row.difference = equivalence.first_difference(m, source, asked.walks)
+                row.difference = equivalence.first_difference(
+                    m, source, asked.walks, asked.folder / "answers"
+                )
                 row.verdict = "survived" if row.difference else "equivalent"
             except (EquivalenceError, OSError) as ended:
                 row.verdict, row.why = "undecided", str(ended)

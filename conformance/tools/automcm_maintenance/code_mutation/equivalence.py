@@ -10,8 +10,16 @@ from pathlib import Path
 
 from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import GRAMMAR
-from automcm_maintenance.code_mutation.source_mutants import SourceMutant, path_of
+from automcm_maintenance.code_mutation.source_mutants import (
+    REFERENCE,
+    SPECIFICATION,
+    SourceMutant,
+    path_of,
+)
+from automcm_maintenance.documents.repository import ROOT
+from automcm_maintenance.verify import kept_stages
 from automcm_spec.graph import oracle
+from automcm_spec.graph.oracle_generation import GRAPHS
 from automcm_spec.support import children
 
 WALKS = (
@@ -28,6 +36,9 @@ FILES = (
     Path(oracle.__file__),
 )
 """What a comparison depends on, besides the reference and the graphs."""
+TOOLS = Path(__file__).parents[1]
+ANSWERED_BY = REFERENCE, SPECIFICATION, TOOLS, *(graph.path for graph in GRAPHS.values())
+"""What the reference's answers depend on."""
 SECONDS = 7_200
 """Limit of real time for one walk."""
 
@@ -37,16 +48,20 @@ class EquivalenceError(Exception):
 
 
 def first_difference(
-    mutant: SourceMutant, source: Path, walks: Iterable[tuple[str, int]]
+    mutant: SourceMutant, source: Path, walks: Iterable[tuple[str, int]], folder: Path
 ) -> Difference | None:
     """Where a mutant first behaves differently on these graphs, or None.
 
-    ``source`` is the file of the mutated module.  Raises EquivalenceError, OSError.
+    ``source`` is the file of the mutated module; ``folder`` keeps the reference's answers.  Raises
+    EquivalenceError, OSError.
     """
+    key = kept_stages.key(ROOT, *(str(path.relative_to(ROOT)) for path in ANSWERED_BY))
+    folder.mkdir(parents=True, exist_ok=True)
     for graph, variant in walks:
         if graph == "forms" and mutant.module not in GRAMMAR:
             continue
-        found = json.loads(_child(mutant.module, str(source), graph, str(variant)))
+        kept = folder / f"{key[:16]}-{graph}-{variant}.sqlite"
+        found = json.loads(_child(mutant.module, str(source), graph, str(variant), str(kept)))
         if found is not None:
             return Difference(**found)
     return None

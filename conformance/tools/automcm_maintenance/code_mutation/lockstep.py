@@ -12,11 +12,15 @@ it at its head.
 from __future__ import annotations
 
 import gc
+import pickle
+import sqlite3
+import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 Changed = Mapping[str, Any]
@@ -71,29 +75,42 @@ def walked(graph: str, variant: int) -> Walked:
     return station_behaviour.AnyState(load(GRAPHS[graph].path), station_behaviour.VARIANTS[variant])
 
 
-def unchanged(graph: str, variant: int) -> Connection:
+def unchanged(graph: str, variant: int, kept: Path | str = ":memory:") -> Connection:
     """Fork a process with the reference of this one: for the number of a state it sends the fields
-    of the state as text, and the outcomes of all inputs with the fields after them."""
+    of the state as text, and the outcomes of all inputs with the fields after them.
+
+    ``kept`` is a database of what it has sent, for other mutants of the same reference.
+    """
     ours, theirs = get_context("fork").Pipe()
     get_context("fork").Process(
-        target=_serve, args=(theirs, ours, graph, variant), daemon=True
+        target=_serve, args=(theirs, ours, graph, variant, kept), daemon=True
     ).start()
     theirs.close()
     return ours
 
 
-def _serve(asked: Connection, other: Connection, graph: str, variant: int) -> None:
+def _serve(
+    asked: Connection, other: Connection, graph: str, variant: int, kept: Path | str
+) -> None:
     other.close()  # so that the end of the parent closes the pipe
-    right = walked(graph, variant)
+    right: Walked | None = None
+    known = sqlite3.connect(kept, timeout=600, isolation_level=None)
+    known.execute("CREATE TABLE IF NOT EXISTS sent (state INTEGER PRIMARY KEY, data BLOB)")
     while True:
         try:
             n = asked.recv()
         except EOFError:
             return
-        answers = [
-            (a.outcome, None if a.then is None else _texts(a.then)) for a in right.answers(n, {})
-        ]
-        asked.send((_texts(right.fields(n, {})), answers))
+        row = known.execute("SELECT data FROM sent WHERE state = ?", (n,)).fetchone()
+        if row is None:
+            right = right or walked(graph, variant)
+            answers = [
+                (a.outcome, None if a.then is None else _texts(a.then))
+                for a in right.answers(n, {})
+            ]
+            row = (zlib.compress(pickle.dumps((_texts(right.fields(n, {})), answers)), 1),)
+            known.execute("INSERT OR IGNORE INTO sent VALUES (?, ?)", (n, *row))
+        asked.send_bytes(zlib.decompress(row[0]))
 
 
 def _texts(fields: Changed) -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 ``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers like ``automcm
 adapter``, with the source of FILE instead of MODULE; with ``-`` as FILE nothing is replaced.
-With ``GRAPH VARIANT`` after these, it prints the first difference from the unchanged reference
-on this graph as JSON, or null (lockstep.py).
+With ``GRAPH VARIANT KEPT`` after these, it prints the first difference from the unchanged
+reference on this graph as JSON, or null (lockstep.py).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def main() -> None:
     """Replace the module given by the arguments, then serve or compare."""
     module, file, *walk = sys.argv[1:]
     limited(LARGE_CPU_S if "two-peers" in walk else CPU_S)
-    right = lockstep.unchanged(walk[0], int(walk[1])) if walk else None
+    right = lockstep.unchanged(walk[0], int(walk[1]), walk[2]) if walk else None
     if file != "-":
         Hook.put({full_name(module): Path(file).read_text(encoding="utf-8")})
     try:
