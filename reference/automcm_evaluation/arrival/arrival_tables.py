@@ -185,11 +185,9 @@ def names(report: Values) -> Values:
         limits = [s["ways"][str(speed_kmh)][reading] for speed_kmh in SPEEDS_KMH]
         ranges[reading] = max(low for _, low, _ in limits), min(high for *_, high in limits)
     return {
-        "speeds": SPEEDS_KMH,
         "both": both,
         "slow": both[30],
         "fast": both[50],
-        "tried": s["tried"],
         "asked_s": [Plan().gain_m / speed_kmh * 3.6 for speed_kmh in SPEEDS_KMH],
         "hows": HOWS,
         "ranges": ranges,

@@ -298,14 +298,11 @@ def names(report: Values) -> Values:
     factors = [of[rival] for each in savings.values() for of in each for rival in RIVALS]
     carried = [ratio for of in s["ratios"].values() for ratio in of.values()]
     return {
-        "m": s["model"],
-        "points": s["points"],
         "headers": sum(s["headers"].values()),
         "two": two,
         "four": four,
         "lossy": drive(s, 4, lossy=True),
         "both_lossy": [(of, drive(s, of["vehicles"], lossy=True)) for of in (two, four)],
-        "kinds": list(COLOURS),
         "sent": sent,
         "least": min(s["etsi"]["ratio"], *carried),
         "counts": {kind: _ratio(two["count"], four["count"], kind) for kind in KINDS},

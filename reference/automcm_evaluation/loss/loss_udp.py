@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import random
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import Any
 
 from automcm.core.state import State
@@ -111,11 +111,8 @@ class _Pair:
         self._parameters, self._clock, self._sockets = parameters, clock, sockets
         relay = Relay(channel=channel, seed=draw.randrange(2**32))
         sockets.callback(relay.close)
-        self._links: list[UdpLink] = []
-        for _ in range(2):
-            link = UdpLink(via=relay.address)
-            sockets.callback(link.close)
-            self._links.append(link)
+        links = (closing(UdpLink(via=relay.address)) for _ in range(2))
+        self._links = [sockets.enter_context(link) for link in links]
         self._seeds = [draw.randrange(2**32) for _ in self._links]
 
     def start(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from random import Random
 from statistics import fmean as mean
 
@@ -29,7 +30,7 @@ class OverRadio(Simulation):
     if the road were as long.  ``load`` is the offered load of other stations.
     """
 
-    def __init__(self, *, seed: int, apart_m: float, load: float) -> None:
+    def __init__(self, seed: int, *, apart_m: float, load: float) -> None:
         super().__init__(seed=seed)
         self._apart_m = apart_m
         self._links = RadioLinks(self.clock, TableRadio(seed, background=load), self._places)
@@ -70,7 +71,7 @@ def block(values: Values, seed: int) -> Values:
     random = Random(seed)
     where = {"apart_m": values["distance_m"], "load": values["load"]}
     agreed = sum(
-        session(OverRadio(seed=random.getrandbits(31), **where), values["t_timeout"]).agreed
+        session(OverRadio(random.getrandbits(31), **where), values["t_timeout"]).agreed
         for _ in range(values["trials"])
     )
     return {"agreed": agreed} | models(values["t_timeout"], seed % 2**31, **where)
@@ -78,8 +79,5 @@ def block(values: Values, seed: int) -> Values:
 
 def drives(values: Values, seed: int) -> Values:
     """Drives in one cell, as in ``loss``: a list for each figure."""
-
-    def over(own: int) -> Simulation:
-        return OverRadio(seed=own, apart_m=values["distance_m"], load=values["load"])
-
+    over = partial(OverRadio, apart_m=values["distance_m"], load=values["load"])
     return loss_road.block(values, seed, over)

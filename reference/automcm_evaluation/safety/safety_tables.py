@@ -210,7 +210,6 @@ def names(report: Values) -> Values:
         "class_of": lambda fault, protocol=WHOLE.name: of[protocol, fault],
         "own": own,
         "kept": sum(row["longest_ms"] <= row["bound_ms"] for row in own),
-        "ablations": BY_NAME,
         "removed": len(mechanisms),
         "shown": sum(bool(row["shows"]) for row in mechanisms),
         "outside": outside,
