@@ -31,15 +31,15 @@ def replay(behaviour: Behaviour, adapter: Callable[[], Reference]) -> str | None
     """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
     stations: defaultdict[int, Reference] = defaultdict(adapter)
     for n, (who, value, after) in enumerate(behaviour, 1):
-        station = stations[who]
-        station.put_state(station.save())
+        reference = stations[who]
+        reference.put_state(reference.station.state)  # with its timers armed anew
         to = seen_by(who)
         seen = renumbering.input_of(value, to)
         try:
-            station.apply(seen)
+            reference.apply(seen)
         except Exception as error:  # an implementation may raise any exception
             return f"step {n}, station {who}, {canonical(seen)}: {type(error).__name__}: {error}"
-        wanted, found = renumbering.state(after, to), station.state()
+        wanted, found = renumbering.state(after, to), reference.state()
         if wanted != found:
             return (
                 f"step {n}, station {who}, {canonical(seen)}: "

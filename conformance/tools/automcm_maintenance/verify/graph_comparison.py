@@ -119,7 +119,7 @@ def walk(
             where = line(rule, inputs[-1]) if inputs else 0
             result.divergences.append(Divergence(inputs, rule, where, exp, act))
 
-    reached: dict[int, Any] = {0: adapter.save()}
+    reached: dict[int, Any] = {0: adapter.station.state}
     for n, state in enumerate(oracle.states):
         here = {"state": state, "marks": oracle.marks[n]}
         answers: Iterable[OracleAnswer] = oracle.answers(n)
@@ -130,7 +130,7 @@ def walk(
             round_trip, answers = {"error": f"{type(error).__name__}: {error}"}, ()
         if round_trip != here:
             differ(n, None, "ACT-5", here, round_trip)
-        base = reached.pop(n, None) or adapter.save()
+        base = reached.pop(n, None) or adapter.station.state
         for answer in answers:
             value = oracle.inputs[answer.input]
             adapter.put_state(base)
@@ -141,7 +141,7 @@ def walk(
             if actual != expected:
                 differ(n, value, answer.effect.rule, expected, actual)
             elif oracle.parents[answer.next] == (n, answer.input) and answer.next != n:
-                reached[answer.next] = adapter.save()
+                reached[answer.next] = adapter.station.state
         result.states += 1
         if stop_at_first and result.differences:
             break

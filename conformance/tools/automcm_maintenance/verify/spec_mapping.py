@@ -299,10 +299,6 @@ class Reference:
         self.station.timers = self._armed.copy()
         self.station._now = 0
 
-    def save(self) -> State:
-        """The current state, for ``put_state``."""
-        return self.station.state
-
     def state(self) -> spec.State:
         """The current state in the specification's form."""
         state = self.station.state

@@ -39,7 +39,7 @@ class EditedLog:
 
     def input_of(self, line: int) -> int:
         """The line of the input of a line's step."""
-        while not _is_input(self.records[line - 1]):
+        while (record := self.at(line))["ev"] not in INPUTS and record.get("op") != "expire":
             line -= 1
         return line
 
@@ -65,10 +65,6 @@ class EditedLog:
     def as_it_is(self) -> bytes:
         """The log with its present numbers."""
         return b"".join(_line(record) for record in self.records)
-
-
-def _is_input(record: Json) -> bool:
-    return record["ev"] in INPUTS or record.get("op") == "expire"
 
 
 def _line(record: Json) -> bytes:

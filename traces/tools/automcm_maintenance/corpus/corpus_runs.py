@@ -10,7 +10,7 @@ from pathlib import Path
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from automcm.encoding.codec import JSON
-from automcm.links.link import Link, Receiver
+from automcm.links.link import Link
 from automcm.links.secured import SecuredLink
 from automcm.links.simulated_radio import Channel
 from automcm.security import certificates, envelope
@@ -25,6 +25,8 @@ from automcm_spec.vocabulary.messages import Cam, encode
 from automcm_spec.vocabulary.parameters import Parameters
 
 PRESCRIBER, RECEIVER, ATTACKER = 1001, 2002, 6666
+EVERY = 17
+"""One of so many envelopes is changed."""
 Sent = tuple[int, bytes, str]
 """A transmission: its time, its bytes and its id."""
 
@@ -66,36 +68,27 @@ def _credentials(station: int, authority: PrivateKey = AUTHORITY) -> Credentials
 class _Disturbed:
     """A link on which some envelopes are changed; all are noted in ``air``."""
 
-    def __init__(self, link: Link, air: list[Sent], now: Callable[[], int], every: int) -> None:
-        self._link, self._air, self._now, self._every = link, air, now, every
-        self.close = link.close
-
-    def open(self, receive: Receiver) -> None:
-        self._link.open(receive)
+    def __init__(self, link: Link, air: list[Sent], now: Callable[[], int]) -> None:
+        self._link, self._air, self._now = link, air, now
+        self.open, self.close = link.open, link.close
 
     def send(self, data: bytes, to: int, tx: str) -> None:
         self._air.append((self._now(), data, tx))
-        if len(self._air) % self._every == 0:
-            data = _changed(data)
+        if len(self._air) % EVERY == 0:
+            data = data[:-1] + bytes([data[-1] ^ 1])  # this byte belongs to the signature
         self._link.send(data, to, tx)
-
-
-def _changed(data: bytes) -> bytes:
-    """With another last byte, which belongs to the signature."""
-    return data[:-1] + bytes([data[-1] ^ 1])
 
 
 class _Secured(Simulation):
     """Stations whose messages are signed."""
 
-    def __init__(self, every: int, logs: Path) -> None:
+    def __init__(self, logs: Path) -> None:
         super().__init__(seed=7, channel=Channel(delay_ms=(2, 20)), logs=logs)
         self.air: list[Sent] = []
-        self._every = every
 
     def link(self, station_id: int) -> SecuredLink:
-        """Changes every so many envelopes."""
-        disturbed = _Disturbed(super().link(station_id), self.air, self.clock.now, self._every)
+        """Changes one of so many envelopes."""
+        disturbed = _Disturbed(super().link(station_id), self.air, self.clock.now)
         verifier = Verifier([AUTHORITY.public_key()], JSON, Parameters())
         signer = Signer(_credentials(station_id), JSON.name)
         self.last = SecuredLink(disturbed, signer, verifier, self.clock)
@@ -105,7 +98,7 @@ class _Secured(Simulation):
 def secured(folder: Path) -> None:
     """A prescriber and a receiver on secured links, in a session in which nothing that an attacker
     sends takes effect."""
-    simulation = _Secured(17, folder)
+    simulation = _Secured(folder)
     for station in (PRESCRIBER, RECEIVER):
         driver = Straight(maneuver_ms=900)
         service = simulation.add(station, driver, Parameters(t_cam=500))
