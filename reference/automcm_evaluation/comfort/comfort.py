@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from automcm.applications.vehicle import STEP_S, Driving
+from automcm.applications.vehicle import STEP_S
 from automcm_evaluation.comfort import comfort_courses as courses
 from automcm_evaluation.comfort import comfort_tables
 from automcm_evaluation.comfort.comfort_courses import PRESCRIBER, A, B, C, ComfortSetting
@@ -88,8 +88,7 @@ def trial(setting: ComfortSetting, stage: str, share: float) -> dict[str, Values
 
     "cut" is that course with its rule, "cut without" the same without it.
     """
-    parameters, plan = Parameters(), setting.four.plan
-    begin, end = courses.stage(stage, plan, parameters, Driving().lane_change_s)
+    begin, end = courses.stage(stage, setting.four.plan)
     at_s = begin + share * (end - begin)
     alone = courses.nobody(setting)
     plain = courses.undisturbed(setting)

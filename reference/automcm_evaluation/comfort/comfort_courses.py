@@ -10,10 +10,10 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, pairwise
 
 from automcm.applications.lane_change import PaperLaneChange, Plan
-from automcm.applications.vehicle import STEP_S, Vehicle
+from automcm.applications.vehicle import STEP_S, Driving, Vehicle
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import to_message
@@ -31,16 +31,13 @@ NEVER_MS = 10**9
 STAGES = ("negotiation", "hold", "slow-down", "lane change")
 
 
-def stage(
-    name: str, plan: Plan, parameters: Parameters, lane_change_s: float
-) -> tuple[float, float]:
+def stage(name: str, plan: Plan) -> tuple[float, float]:
     """Begin and end of a stage of an undisturbed maneuver, s since the signal (delays of messages
     left out)."""
-    slow_s = plan.gain_m / plan.delta_v
-    lengths = (parameters.t_advertise / 1000, plan.hold_s, slow_s, lane_change_s)
-    limits = list(accumulate(lengths, initial=0.0))
-    n = STAGES.index(name)
-    return limits[n], limits[n + 1]
+    window_s, slow_s = Parameters().t_advertise / 1000, plan.gain_m / plan.delta_v
+    lengths = (window_s, plan.hold_s, slow_s, Driving().lane_change_s)
+    limits = pairwise(accumulate(lengths, initial=0.0))
+    return dict(zip(STAGES, limits, strict=True))[name]
 
 
 class Changer(PaperLaneChange):

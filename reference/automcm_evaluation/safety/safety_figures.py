@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 from automcm_evaluation.framework.experiment import Values, cells_of, chosen
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.safety.safety_tables import lengths
@@ -17,27 +19,20 @@ def plots(report: Values) -> drawing.NamedFigures:
 
 def _hazards(report: Values) -> drawing.Figure:
     figure, (plot,) = drawing.plots()
-    b = report["summary"]["bound_ms"]
-    cells = chosen(cells_of(report), part="faults")
-    styles = ("-", "--", "-.", ":")
-    drawn = 0
-    for row in report["summary"]["faults"]:
-        found = lengths(chosen(cells, fault=row["fault"]))
-        if not found:
-            continue
+    s, cells = report["summary"], chosen(cells_of(report), part="faults")
+    b, faults = s["bound_ms"], [row["fault"] for row in s["faults"] if row["hazards"]]
+    for fault, style in zip(faults, cycle(("-", "--", "-.", ":")), strict=False):
+        found = lengths(chosen(cells, fault=fault))
         shares = [n / len(found) for n in range(len(found) + 1)]
-        label = f"{row['fault']} ({len(found)})"
-        plot.step(
-            [0, *found], shares, where="post", label=label, linestyle=styles[drawn % len(styles)]
-        )
-        drawn += 1
+        label = f"{fault} ({len(found)})"
+        plot.step([0, *found], shares, where="post", label=label, linestyle=style)
     plot.axvline(b, color="black", linewidth=1.5)
     plot.annotate(
         f"B = {b} ms", (b, 1.0), xytext=(4, 0), textcoords="offset points", rotation=90, va="top"
     )
     plot.set(xlabel="length of the hazard, ms", ylabel="share of hazards no longer")
     plot.set(xlim=(0, b * 1.06), ylim=(0, 1.03))
-    if drawn:
+    if faults:
         figure.legend(title="fault (hazards)", loc="outside upper center", ncols=3)
     return figure
 
