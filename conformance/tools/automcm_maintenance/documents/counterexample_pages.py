@@ -33,11 +33,14 @@ def committed(
     for model in loaded:
         if model.expect == "violates" and model.module not in models.ALONE:
             notify(model.cfg)
-            source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
-            path = folder / f"{model.cfg}.html"
-            files.write(path, html(trace_html.page_of([source], None)))
-            written.append(path)
+            written.append(_page(folder, model.cfg, COUNTEREXAMPLES / f"{model.cfg}.itf.json"))
     return written
+
+
+def _page(folder: Path, name: str, trace: Path) -> Path:
+    path = folder / f"{name}.html"
+    files.write(path, html(trace_html.page_of([trace], None)))
+    return path
 
 
 def failed(verdicts: Sequence[models.ModelVerdict], folder: Path = FOLDER) -> list[Path]:
@@ -51,11 +54,7 @@ def failed(verdicts: Sequence[models.ModelVerdict], folder: Path = FOLDER) -> li
             continue
         trace = model_output.write_trace(verdict, folder)
         try:
-            data = html(trace_html.page_of([trace], None))
+            written.append(_page(folder, verdict.model.cfg, trace))
         except (ItfError, BadInput, PageError, BehaviourError, TlcError):
             written.append(trace)
-            continue
-        path = folder / f"{verdict.model.cfg}.html"
-        files.write(path, data)
-        written.append(path)
     return written

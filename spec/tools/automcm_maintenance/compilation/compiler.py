@@ -45,12 +45,12 @@ class CompilerPlan:
 
     module: str
     roots: Mapping[str, Sequence[str]]
-    """The operators to compile, with the types of their parameters: see ``Types.infer``."""
+    """The operators to compile, with the types of their parameters: see ``Types.given``."""
     constants: Mapping[str, Type] = field(default_factory=dict)
     classes: Mapping[str, str] = field(default_factory=dict)
     """The class of the records that an operator makes, if it differs from the operator's name."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Names for types: the type of an operator's value, or with * of its elements."""
+    """Names for types: see ``Types.given``."""
     decides: str = ""
     """An operator. In operators with the same type of value, the conditions of IF are guards."""
     arguments: Sequence[str] = ()
@@ -148,14 +148,10 @@ class _Writer:
         }
         decides = self.types.signatures.get(plan.decides)
         self.translator = Translator(self.types, lines, decides.result if decides else None)
-        self.aliases = {name: self._value(of) for name, of in plan.aliases.items()}
+        self.aliases = {name: self.types.given(of) for name, of in plan.aliases.items()}
 
     def _operators(self) -> list[Operator]:
         return [o for o in self.spec.operators.values() if o.name in self.types.signatures]
-
-    def _value(self, text: str) -> Type:
-        found = self.types.signatures[text.removeprefix("*")].result
-        return found.item if text.startswith("*") and isinstance(found, SetOf) else found
 
     def module(self) -> str:
         """The complete module."""

@@ -67,8 +67,9 @@ class _Kinds(Types):
 
     uses: defaultdict[tuple[Type, str], set[str]] = field(default_factory=lambda: defaultdict(set))
 
-    def _given(self, text: str) -> Type:
-        return ID if text == "id" else super()._given(text)
+    def given(self, text: str) -> Type:
+        """As ``Types.given``; also ``id``."""
+        return ID if text == "id" else super().given(text)
 
     def _apply(self, operator: Operator, args: list[Type], call: Node | None = None) -> Type:
         found = super()._apply(operator, args, call)

@@ -176,16 +176,14 @@ class Types:
     def infer(self, roots: Mapping[str, Sequence[str]]) -> None:
         """Infer the types of all expressions that these operators need.
 
-        The types of their parameters are given: ``int``; an operator without parameters, or an
-        earlier root, for the type of its value; ``*`` and an operator, for the type of the elements
-        of its value. Raises NotCompiled.
+        The types of their parameters are ``given``. Raises NotCompiled.
         """
         before = None
         while before != (now := {name: dict(c.fields) for name, c in self.classes.items()}):
             before = now
             self._known.clear()
             for name, params in roots.items():
-                self._apply(self._operator(name), [self._given(text) for text in params])
+                self._apply(self._operator(name), [self.given(text) for text in params])
         for classes, at in self._mixed.items():
             self._check_distinguishable(classes, at)
 
@@ -194,7 +192,9 @@ class Types:
             raise NotCompiled(f"no operator {name}", Location("", 0, 0, 0, 0))
         return self.spec.operators[name]
 
-    def _given(self, text: str) -> Type:
+    def given(self, text: str) -> Type:
+        """``int``; an operator without parameters, or an earlier root, for the type of its value;
+        ``*`` and an operator, for the type of the elements of its value."""
         if text == "int":
             return INT
         operator = self._operator(text.removeprefix("*"))

@@ -13,9 +13,9 @@ The first two need TLC.  The rest, the index and its page are made from the file
 from __future__ import annotations
 
 import json
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -195,9 +195,8 @@ def _of_counterexamples(corpus: Path, files: list[str]) -> Iterator[CorpusEntry]
 def page(corpus: Path) -> str:
     """docs/corpus.md: the contents of the corpus on disk, from its index."""
     entries = index(corpus)
-    by_kind: dict[str, list[CorpusEntry]] = defaultdict(list)
-    for entry in entries:
-        by_kind[entry.file.split("/")[0]].append(entry)
+    grouped = groupby(entries, lambda entry: entry.file.split("/")[0])
+    by_kind = {kind: list(of) for kind, of in grouped}
     counts = json.loads((corpus / COVERAGE).read_text())
     walked = []
     for model in WALKED:
