@@ -148,7 +148,7 @@ def spec_simulate(
     from automcm_spec.model_checking.models import ModelError
     from automcm_spec.model_checking.tlc import TlcError
 
-    with code_3("simulate", TlcError, ModelError, random_walks.WalkError, OSError):
+    with code_3("simulate", TlcError, ModelError, OSError):
         known = random_walks.known()
         if name not in known:
             raise typer.BadParameter(unknown(name, list(known)), param_hint="MODEL")

@@ -114,10 +114,7 @@ class Process:
         for end in (self._in, self._out, self._err):
             os.set_blocking(end, False)
         self._open = True
-        self._stdin_closed = False
-
-        self._stdout_closed = False
-
+        self._stdin_closed = self._stdout_closed = False
         self._partial = bytearray()
         """The bytes after the last line feed."""
         self._expected = 0

@@ -25,8 +25,8 @@ LONGEST = 600
 class Tours:
     """The pairs that are still to be driven, each for its case, and the next tour.
 
-    ``allowed(state, input)``: a tour may use this transition. ``disturbs``: the input, which must
-    change nothing, may be given on the way; ``seed`` chooses among these. A pair that was answered
+    ``allowed(state, input)``: a tour may use this transition. ``disturbs``: an input that must
+    change nothing may be given on the way; ``seed`` chooses among these. A pair that was answered
     wrongly is ``avoid``ed; pairs that can only be reached through it stay in ``left``.
     """
 
@@ -35,7 +35,7 @@ class Tours:
         oracle: Oracle,
         targets: Iterable[tuple[OracleAnswer, str]],
         allowed: Allowed,
-        disturbs: Allowed,
+        disturbs: Callable[[OracleAnswer], bool],
         seed: int = 1,
     ) -> None:
         self.oracle, self.allowed, self.disturbs = oracle, allowed, disturbs
@@ -102,7 +102,7 @@ class Tours:
         known = self._disturbing.get(pair)
         if known is None:
             answer = self.oracle.answer(*pair)
-            known = answer is not None and not answer.changes and self.disturbs(*pair)
+            known = answer is not None and not answer.changes and self.disturbs(answer)
             self._disturbing[pair] = known
         return known
 

@@ -93,9 +93,8 @@ class Explorer:
         if not self.coverages:
             self.found.problems.append("no graph has the fixed limits of the implementation")
             return
-        while len(self.found.cases) < self._enough and more(self.found.walks):
-            if self.runner.cut_short:
-                break
+        found, runner = self.found, self.runner
+        while len(found.cases) < self._enough and not runner.cut_short and more(found.walks):
             self._walk(self.found.walks + 1)
             self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
 

@@ -52,8 +52,7 @@ class Faults:
     silent: int = 0
 
     def __str__(self) -> str:
-        parts = (("again", self.again), ("late", self.late), ("odd", self.no_op))
-        return "-".join(f"{name}{n}" for name, n in (*parts, ("silent", self.silent)))
+        return f"again{self.again}-late{self.late}-odd{self.no_op}-silent{self.silent}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,30 +171,26 @@ class LiveRun:
 
     def judge(self, case: LiveCase) -> LiveResult:
         """Play a case, and wait until the station is idle again."""
-        if self.stuck is not None and not self._settled(self.stuck):
-            reason = "the station did not become idle after the previous case"
-            return self._judged(case, "INCONC", reason, [])
         lines: list[Line] = []
+        verdict, reason = self._played(case, lines)
+        self.results.append(LiveResult(case.name, case.rules, case.then, verdict, reason, lines))
+        return self.results[-1]
+
+    def _played(self, case: LiveCase, lines: list[Line]) -> tuple[Verdict, str]:
+        if self.stuck is not None and not self._settled(self.stuck):
+            return "INCONC", "the station did not become idle after the previous case"
         x = self._exchange()
         live = Live(x, self.air, self.jitter_ms, lines, self.known, self.unsettled)
-        verdict: Verdict = "PASS"
-        reason = ""
         try:
             live.play(case.script, case.lease_ms)
         except Failed as failed:
-            verdict, reason = "FAIL" if failed.kind == "unexpected" else "INCONC", str(failed)
-            if failed.kind == "overdue":
-                verdict, reason = self._timing(case, reason)
-        if reason:
+            verdict: Verdict = "FAIL" if failed.kind == "unexpected" else "INCONC"
+            overdue = failed.kind == "overdue"
+            judged = self._timing(case, str(failed)) if overdue else (verdict, str(failed))
             self.unsettled.update(x.wire.values.ids.values())
             self.stuck = None if self._settled(live) else live
-        return self._judged(case, verdict, reason, lines)
-
-    def _judged(
-        self, case: LiveCase, verdict: Verdict, reason: str, lines: list[Line]
-    ) -> LiveResult:
-        self.results.append(LiveResult(case.name, case.rules, case.then, verdict, reason, lines))
-        return self.results[-1]
+            return judged
+        return "PASS", ""
 
     def _settled(self, live: Live) -> bool:
         """Whether the station has become idle."""

@@ -133,8 +133,6 @@ def _count(found: Survey, event: Event, numbers: set[int]) -> None:
                 found.armed.setdefault(_ARMED[timer.name], duration)
             elif timer.name == "giveup" and duration > 0 and "t_resend" in found.armed:
                 found.armed.setdefault("t_timeout", max(0, duration - found.armed["t_resend"]))
-        case _:
-            pass
 
 
 def _note_own(found: Survey, session: object, numbers: set[int]) -> None:

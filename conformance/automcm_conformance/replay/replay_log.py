@@ -193,8 +193,6 @@ class _Run:
                 self._expired_ms = now
             case Receive() | ApplicationCommand() | Restart():
                 self._input(line, event)
-            case _:
-                pass
 
     def _input(self, line: int, event: Receive | ApplicationCommand | Restart) -> None:
         # Timers due at the time of a restart are lost unless the log has their expiry (END-8).

@@ -205,10 +205,8 @@ class Runner:
                 targets.append((answer, tally.purpose.id))
         allowed = self.allowed(oracle)
 
-        def disturbs(state: int, i: int) -> bool:
-            answer = oracle.answer(state, i)
-            known = answer is not None and self._tally(part, answer) is not None
-            return known and allowed(state, i)
+        def disturbs(answer: OracleAnswer) -> bool:
+            return self._tally(part, answer) is not None and allowed(answer.state, answer.input)
 
         tours = part.tours = Tours(oracle, targets, allowed, disturbs, self.seed)
         for state in [state for state in tours.left if tours.path(state) is None]:

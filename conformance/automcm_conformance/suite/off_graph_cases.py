@@ -271,11 +271,6 @@ def two_peers(spec_hash: str) -> Oracle:
 def needs(case: str) -> set[str]:
     """The features that a case needs."""
     values = [value for script in _of(case)[1] for value in inputs(script)]
-    found = {"cam"} if case in ("cam rate", "cam marks") else set()
-    if s.REQUEST in values:
-        found.add("prescriber")
-    if s.ADVERTISED in values:
-        found.add("receiver")
-    if s.RESTART in values:
-        found.add("restart")
-    return found
+    features = {s.REQUEST: "prescriber", s.ADVERTISED: "receiver", s.RESTART: "restart"}
+    found = {feature for value, feature in features.items() if value in values}
+    return found | ({"cam"} if case in ("cam rate", "cam marks") else set())

@@ -35,9 +35,9 @@ import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, field_validator
+from pydantic import BaseModel, BeforeValidator
 
 from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_conformance.exchange.results import LEVELS, Level
@@ -55,7 +55,8 @@ from automcm_spec.vocabulary.station import (
 )
 
 Features = tuple[Any, ...]
-
+Values = Annotated[frozenset[Any], BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
+"""In the file, one value is a list of one."""
 PATH = SUITE / "purposes.toml"
 
 ROOM = 1
@@ -78,19 +79,10 @@ class Purpose(BaseModel, frozen=True, extra="forbid"):
     then: str
     bug: str
     cost: str
-    select: dict[str, frozenset[Any]] | None = None
+    select: dict[str, Values] | None = None
     """The matching values of each field."""
     case: str = ""
     """The name of a case that no pair of the graph carries; empty with ``select``."""
-
-    @field_validator("select", mode="before")
-    @classmethod
-    def _values(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """One value is a list of one."""
-        return {
-            name: wanted if isinstance(wanted, list) else [wanted]
-            for name, wanted in fields.items()
-        }
 
     def matches(self, features: Features) -> bool:
         """Whether a pair with these features (in the order of ``FEATURES``) belongs to this

@@ -11,7 +11,7 @@ from dataclasses import replace
 from itertools import permutations
 
 from automcm_conformance.adapter.protocol import DEFAULTS, read_answer
-from automcm_conformance.exchange.exchange import Exchange, Infeasible, Mismatch
+from automcm_conformance.exchange.exchange import Exchange, Mismatch
 from automcm_conformance.exchange.malformed_messages import TRICKY
 from automcm_conformance.exchange.wire import LONG_MS, PLAIN, Values
 from automcm_conformance.suite import scripts as s
@@ -292,15 +292,12 @@ def _texts(fresh: Fresh, _: bool) -> Played:
 def _named(x: Exchange, scenario: str) -> Exchange | None:
     """A request of this scenario; None if the station refuses it, as it does not know it."""
     try:
-        play(x, [s.With({"scenario": scenario}, s.REQUEST), s.Wait(120)])
-    except Infeasible:
-        return None
+        return played(x, [s.With({"scenario": scenario}, s.REQUEST), s.Wait(120)])
     except Mismatch as wrong:
         answer = read_answer(wrong.steps[-1].answer)
         if not answer.messages and [i["name"] for i in answer.indications] == ["refused"]:
             return None
         raise
-    return x
 
 
 _CASES = {

@@ -101,13 +101,13 @@ def _view(st: State, view: View) -> Seen:
 def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     """Whether the answer is the same without this peer. Its session becomes a stranger's."""
     state, i = two.states[answer.state], two.inputs[answer.input]
-    speaker, about = _speaker(i), _peers(i)
+    (speaker, sessions), about = _named(i), _peers(i)
     if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
         return False
     bound = {state.session[0], state.target, *state.recorded, *state.withdrawn}
     if away in about and away in bound:
         return False
-    if any(_goes(state, away, session) for session in _sessions(i)):
+    if any(_goes(state, away, session) for session in sessions):
         return False
 
     def to(session: Session) -> Session:
@@ -129,14 +129,16 @@ def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     )
 
 
-def _speaker(i: Input) -> set[int]:
-    """The sender and the addressee of a message or CAM."""
+def _named(i: Input) -> tuple[set[int], Collection[Session]]:
+    """The sender and the addressee of a message or CAM; the sessions that it or a command names."""
     match i:
         case Receive(message=m):
-            return {m.src, m.dst}
+            return {m.src, m.dst}, [m.session]
         case Cam():
-            return {i.src}
-    return set()
+            return {i.src}, i.marks
+        case Command():
+            return set(), [i.session]
+    return set(), []
 
 
 def _peers(i: Input) -> set[int]:
@@ -149,18 +151,6 @@ def _peers(i: Input) -> set[int]:
 
     renumbering.input_of(i, note)
     return {*found} & {*PEERS}
-
-
-def _sessions(i: Input) -> Collection[Session]:
-    """The sessions that a message, a CAM or a command names."""
-    match i:
-        case Receive(message=m):
-            return [m.session]
-        case Cam():
-            return i.marks
-        case Command():
-            return [i.session]
-    return []
 
 
 def _goes(state: State, away: int, session: Session) -> bool:

@@ -40,7 +40,7 @@ def pairs(oracle: Oracle, tour: list[int]) -> list[tuple[int, int]]:
     return list(zip(oracle.way(tour), tour, strict=False))
 
 
-def anything(state: int, i: int) -> bool:
+def anything(*_: object) -> bool:
     return True
 
 
@@ -70,7 +70,7 @@ def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
 
 
 def test_tours_that_are_planned_before_any_is_done(tight: Oracle) -> None:
-    tours = Tours(tight, every(tight), anything, lambda s, i: False)
+    tours = Tours(tight, every(tight), anything, lambda answer: False)
     seen: set[tuple[int, int]] = set()
     for _ in range(5):
         tour = tours.next()
@@ -97,7 +97,7 @@ def test_allowed_keeps_tours_away(tight: Oracle) -> None:
     def allowed(state: int, i: int) -> bool:
         return i not in requests
 
-    tours = Tours(tight, targets, allowed, allowed)
+    tours = Tours(tight, targets, allowed, lambda answer: answer.input not in requests)
     reached = set()
     while (tour := tours.next()) is not None:
         assert not requests & set(tour)

@@ -132,10 +132,7 @@ class Oracle:
 
     def answers(self, state: int) -> Iterator[OracleAnswer]:
         """The outcomes of all offered inputs, in the order of the alphabet."""
-        for i in range(len(self.inputs)):
-            answer = self.answer(state, i)
-            if answer is not None:
-                yield answer
+        return filter(None, (self.answer(state, i) for i in range(len(self.inputs))))
 
     def decided_by(self, rules: Set[str]) -> Iterator[OracleAnswer]:
         """The outcomes of all states and offered inputs that one of these rules decides: state by
@@ -157,10 +154,7 @@ class Oracle:
 
     def changes(self, state: int) -> Iterator[OracleAnswer]:
         """The outcomes that change something."""
-        for i in self._moves[state]:
-            answer = self.answer(state, i)
-            assert answer is not None
-            yield answer
+        return (self.given(state, i) for i in self._moves[state])
 
     def moves(self, state: int) -> dict[int, int]:
         """The inputs that change something, each with the next state."""

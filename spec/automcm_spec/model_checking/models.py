@@ -109,7 +109,7 @@ _INSTANCE = re.compile(r"\bINSTANCE\s+(\w+)")
 
 
 class ModelError(Exception):
-    """The list of models and the files are inconsistent."""
+    """The list of models and the files are inconsistent, or a model has no random walks."""
 
 
 class Model(BaseModel):
@@ -264,12 +264,8 @@ def _config(model: Model) -> str:
             lines.insert(len(lines) if word.isupper() else 1 + len(constants), line)
     if names := model.checks or ([] if model.breaks is None else [model.breaks]):
         lines = split("\n".join(lines))[0].splitlines()
-        lines += [f"{_keyword(name)} {name}" for name in names]
+        lines += [f"{'INVARIANT' if n.endswith('Inv') else 'PROPERTY'} {n}" for n in names]
     return "".join(f"{line}\n" for line in lines if line.strip())
-
-
-def _keyword(name: str) -> str:
-    return "INVARIANT" if name.endswith("Inv") else "PROPERTY"
 
 
 def _check_names(models: list[Model], tla_dir: Path) -> None:

@@ -37,10 +37,6 @@ once per station. (An invariant would also see successors that are not chosen.)
 _REACHED_BY = re.compile(r'<<"walk", (\d+), "([^"]+)">>$')
 
 
-class WalkError(Exception):
-    """A model that does not support random walks."""
-
-
 @dataclass(frozen=True)
 class WalkModel:
     """A model for random walks: the text of its cfg, its module, and the property it must violate,
@@ -129,12 +125,12 @@ def run(
     They end after ``seconds`` (including the start of Java) or ``number`` behaviours, whichever
     comes first. Equal seeds give equal behaviours; the time limit only affects their number.
     ``lively`` excludes inputs that end sessions early (Simulation.tla). on_progress receives the
-    number of behaviours so far. Raises WalkError for a model that does not extend System,
+    number of behaviours so far. Raises models.ModelError for a model that does not extend System,
     tlc.TlcError if TLC fails.
     """
     texts = {path.stem: path.read_text(encoding="utf-8") for path in TLA.glob("*.tla")}
     if "System" not in models.extended(model.module, texts):
-        raise WalkError(f"{model.name}: the module {model.module} must extend System")
+        raise models.ModelError(f"{model.name}: the module {model.module} must extend System")
     count = _Count(on_progress)
     result = None
     with scratch.folder("walks") as place:
@@ -215,5 +211,6 @@ def _named(state: tlc.TraceState) -> tlc.TraceState:
 def _config(model: WalkModel) -> str:
     text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", model.cfg, flags=re.M)
     if found != 1:
-        raise WalkError(f"{model.name}: its cfg must contain SPECIFICATION Spec, as System's does")
+        text = "its cfg must contain SPECIFICATION Spec, as System's does"
+        raise models.ModelError(f"{model.name}: {text}")
     return text

@@ -85,20 +85,13 @@ def _pinned() -> Path:
             return kept
         jar = _resolve()
         verify(jar)
-        return _keep(jar, kept)
-
-
-def _keep(jar: Path, kept: Path) -> Path:
-    """A copy of the jar where nobody changes it, or the jar itself if no copy can be written.
-
-    jgo removes and rewrites its own copy at each call, even while Java is starting from it.
-    """
-    try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        files.write(kept, jar.read_bytes())
-    except OSError:
-        return jar
-    return kept
+        # jgo removes and rewrites its own copy at each call, even while Java is starting from it.
+        try:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            files.write(kept, jar.read_bytes())
+        except OSError:
+            return jar
+        return kept
 
 
 def archive() -> Path | None:

@@ -80,5 +80,5 @@ def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
 
 def test_a_module_that_does_not_extend_system_is_refused() -> None:
     model = random_walks.WalkModel("open", KNOWN["one_by_two"].cfg, "OpenStation")
-    with pytest.raises(random_walks.WalkError, match="must extend System"):
+    with pytest.raises(models.ModelError, match="must extend System"):
         random_walks.run(model, number=1)
