@@ -55,8 +55,8 @@ class Checked:
 def check(command: Sequence[str], limit_s: float, notify: Callable[[str], None]) -> list[Checked]:
     """Start the adapter, try all commands, and return the findings, each mistake once.
 
-    ``limit_s`` is the real time in seconds that an answer may take.  ``say`` gets the name of each
-    check as it begins.  Nothing that the adapter does raises an exception.
+    ``limit_s`` is the real time in seconds that an answer may take.  ``notify`` gets the name of
+    each check as it begins.  Nothing that the adapter does raises an exception.
     """
     return _Check(command, limit_s, notify).run()
 

@@ -95,7 +95,7 @@ class Process:
             self._process = children.popen(
                 command,
                 group=True,
-                env=children.marked(self._mark),
+                env={**os.environ, children.MARK: self._mark},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -100,8 +100,8 @@ def deciding(oracle: Oracle, error: Wrong, pair: Pair) -> Deciding:
         effect, evaluated = record(station, lambda s: s.decide(me, *real))
     except NoArm:
         return plain
-    named = [(e.condition.kind, e.condition.text) == ("rule", rule) for e in evaluated]
-    places = [n for n, is_named in enumerate(named) if is_named]
+    conditions = [e.condition for e in evaluated]
+    places = [n for n, c in enumerate(conditions) if (c.kind, c.text) == ("rule", rule)]
     if effect.rule != rule or not places:
         return plain
     place = evaluated[places[-1]].condition

@@ -465,9 +465,8 @@ class Exchange:
     ) -> None:
         """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
-        step = Step(self.now, command | timed, expected or Required(), fault=fault)
-        step.before = self.state
-        self._expect(step)
+        line = command | timed
+        self._expect(Step(self.now, line, expected or Required(), before=self.state, fault=fault))
 
     def _expect(self, step: Step) -> None:
         """Set the expected state after the step, and queue the step."""

@@ -176,7 +176,8 @@ def _write_log(path: Path, case: str, steps: Sequence[Step], hello: HelloAnswer)
                     expired = _timer(effects.expired)
                     log.event("timer", step.now, op="expire", timer=expired, **more)
                 else:
-                    _input(log, step.now, command, more)
+                    given = {n: command.get(n) for n in ("message", "planned", "command")}
+                    log.event(command["cmd"], step.now, **given, **more)
                 send(islice(messages, effects.messages))
                 for timer in effects.stopped:
                     log.event("timer", step.now, op="stop", timer=_timer(timer))
@@ -216,17 +217,6 @@ def _send(
 ) -> None:
     for message in messages:
         log.event("send", now, tx=f"{station}:{next(count)}", message=message)
-
-
-def _input(log: LogWriter, now: int, command: Object, more: Object) -> None:
-    match command["cmd"]:
-        case "receive":
-            planned = command.get("planned")
-            log.event("receive", now, message=command["message"], planned=planned, **more)
-        case "command":
-            log.event("command", now, command=command["command"], **more)
-        case "restart":
-            log.event("restart", now, **more)
 
 
 def _timer(timer: Object) -> Object:

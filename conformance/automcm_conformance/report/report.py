@@ -90,15 +90,12 @@ def write_pages(report: Report, folder: Path) -> None:
 
     Raises OSError if it cannot be written.
     """
-    for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][
-        :MAX_PAGES
-    ]:
+    shown = [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")]
+    for case in shown[:MAX_PAGES]:
         log = folder / case.log
         several = log.parent != folder / "logs"
-        logs = [
-            SpooledInput(path)
-            for path in (sorted(log.parent.glob("*.ndjson")) if several else [log])
-        ]
+        paths = sorted(log.parent.glob("*.ndjson")) if several else [log]
+        logs = [SpooledInput(path) for path in paths]
         for path in logs:
             path.given = path.relative_to(folder).as_posix()
         try:

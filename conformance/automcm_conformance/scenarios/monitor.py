@@ -165,15 +165,11 @@ class Monitor:
         while kind != "restart" and (timer := self._clock.due(now)) is not None:
             self._clock.stop(timer)
             self._input(now, "timer", op="expire", timer=timer)
-        if kind == "receive" and raw is not None:
+        if raw is not None:
             self._malformed(now, tx, raw)
-        elif kind == "receive":
-            planned, message = command.get("planned"), command["message"]
-            self._input(now, kind, tx=tx, message=message, planned=planned)
-        elif kind == "command":
-            self._input(now, kind, command=command["command"])
-        elif kind == "restart":
-            self._input(now, kind)
+        elif kind in ("receive", "command", "restart"):
+            given = {n: command.get(n) for n in ("message", "planned", "command")}
+            self._input(now, kind, tx=tx, **given)
         self._log_unexpected(now)
         self._engine.finish()
         for cam in self._answer.cams:

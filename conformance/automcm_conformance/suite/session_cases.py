@@ -64,20 +64,17 @@ def pairs(fresh: Fresh, about: str) -> Played:
             yield x
 
 
-def _begins(role: str, rounds: int) -> list[list[Input]]:
+def _begins(role: str, rounds: int) -> list[tuple[Input, ...]]:
     """Ways into each state of a session."""
-    found: dict[tuple[Input, ...], list[Input]] = {}
+    found: list[tuple[Input, ...]] = []
     for refused in (False, True)[:rounds]:
         if role == "receiver":
             whole = s.as_receiver(s.THEIRS, refused)
         else:
             whole = s.as_prescriber(s.MINE, s.Y, refused)
-            for n in (1, 2, 3):
-                withdrawn = [*whole[:n], s.WITHDRAWN]
-                found[tuple(withdrawn)] = withdrawn
-        for n in range(1, len(whole)):
-            found[tuple(whole[:n])] = whole[:n]
-    return list(found.values())
+            found += [(*whole[:n], s.WITHDRAWN) for n in (1, 2, 3)]
+        found += [tuple(whole[:n]) for n in range(1, len(whole))]
+    return list(dict.fromkeys(found))
 
 
 def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]:

@@ -73,8 +73,8 @@ class Tally:
     @property
     def failed(self) -> bool:
         """Whether the case is FAIL or ERROR."""
-        bad = self.outcome is not None and self.outcome.verdict in ("FAIL", "ERROR")
-        return bad or bool(self.faults)
+        o = self.outcome
+        return bool(self.faults) or (o is not None and o.verdict in ("FAIL", "ERROR"))
 
 
 @dataclass(slots=True)

@@ -202,11 +202,9 @@ def failure(runner: Runner, case: str, n: int, fault: Wrong, folder: Path) -> Fa
     if len(lines) > SHOWN:
         cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
         lines = [cut, *lines[-SHOWN:]]
-    came = (
-        [transcript.answered(last.answer)]
-        if last.answer
-        else ["no answer", *getattr(fault, "stderr", ())]
-    )
+    came = ["no answer", *getattr(fault, "stderr", ())]
+    if last.answer:
+        came = [transcript.answered(last.answer)]
     return Failure(
         **asdict(fault.deciding),
         rule_text=RULES.get(fault.deciding.rule, ""),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _LAUNCHER = Path(__file__).with_name("launcher.py")
 _LINUX = sys.platform == "linux"
 MARK = "AUTOMCM_STATION"
-"""The environment variable of ``marked``."""
+"""The environment variable that marks a command and all its descendants, for ``descendants``."""
 
 
 def ending_with_parent(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
@@ -70,11 +70,6 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
             number, _, why = failure.partition(" ")
             raise OSError(int(number), why, name)
     return process
-
-
-def marked(name: str) -> dict[str, str]:
-    """An environment that marks a command and all its descendants, for ``descendants``."""
-    return {**os.environ, MARK: name}
 
 
 def descendants(process: int, name: str) -> set[int]:

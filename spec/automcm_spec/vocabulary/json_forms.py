@@ -39,11 +39,7 @@ def _listed(value: frozenset[Any]) -> list[Any]:
 
 def to_json(value: Any) -> Json:
     """The JSON form of a state, a message, an input, a timer, or a set of them."""
-    if isinstance(value, tuple | list):
-        return [to_json(item) for item in value]
-    if isinstance(value, frozenset):
-        return [to_json(item) for item in _listed(value)]
-    return value
+    return json.loads(canonical(value))
 
 
 def open_station(constants: Mapping[str, Json]) -> OpenStation:
