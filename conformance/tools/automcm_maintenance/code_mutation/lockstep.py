@@ -12,7 +12,7 @@ it at its head.
 from __future__ import annotations
 
 import gc
-import pickle
+import json
 import sqlite3
 import zlib
 from collections import deque
@@ -108,7 +108,7 @@ def _serve(
                 (a.outcome, None if a.then is None else _texts(a.then))
                 for a in right.answers(n, {})
             ]
-            row = (zlib.compress(pickle.dumps((_texts(right.fields(n, {})), answers)), 1),)
+            row = (zlib.compress(json.dumps([_texts(right.fields(n, {})), answers]).encode(), 1),)
             known.execute("INSERT OR IGNORE INTO sent VALUES (?, ?)", (n, *row))
         asked.send_bytes(zlib.decompress(row[0]))
 
@@ -125,7 +125,7 @@ def first_difference(graph: str, wrong: Walked, right: Connection) -> Difference
         n, changed = left.popleft()
         right.send(n)
         answers = list(wrong.answers(n, changed))
-        here, outcomes = right.recv()
+        here, outcomes = json.loads(right.recv_bytes())
         both = list(zip(answers, outcomes, strict=False))  # a mutant may not enter the state
         for answer, (text, _) in both:
             if answer.outcome != text:
