@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from automcm_conformance.exchange.exchange import Exchange, Infeasible, Wrong
 from automcm_conformance.exchange.tours import Pair, timetable
-from automcm_conformance.exchange.wire import LONG_MS, long
+from automcm_conformance.exchange.wire import LONG, LONG_MS, SOON_MS
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.support.shortening import with_fewer_parts
 from automcm_spec.vocabulary.station import Expire
@@ -51,7 +51,7 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
 def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
     """Two timers of one name that are armed at once have the same duration, so they cannot expire
     one after the other."""
-    lasting = long(soonest)
+    lasting = LONG | ({soonest: SOON_MS} if soonest else {})
     x.durations({name: ms for name, ms in lasting.items() if name != "lease"})
     for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
         x.place = place

@@ -227,7 +227,8 @@ class Runner:
                 self.adapter.pump()
                 if self.adapter.slowness:
                     self.notify(f"{part.name}: {part.reached.total():,} of {part.planned:,}")
-            if tour is None or part.lines >= BULK:
+            unsent = sum(len(active.x.unwritten_steps) for active in part.unsent)
+            if tour is None or unsent >= BULK:
                 self.notify(f"{part.name}: {part.reached.total():,} of {part.planned:,}")
                 self._judge_sent(part)
         if self.ended:  # what was sent is judged, too

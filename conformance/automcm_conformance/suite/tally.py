@@ -40,11 +40,6 @@ class PairPart:
     """Tours whose lines the station is answering."""
     attempts: Counter[Pair] = field(default_factory=Counter)
 
-    @property
-    def lines(self) -> int:
-        """The number of lines that are not sent yet."""
-        return sum(len(active.x.unwritten_steps) for active in self.unsent)
-
 
 @dataclass(slots=True)
 class Tally:

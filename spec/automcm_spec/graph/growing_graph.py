@@ -68,8 +68,7 @@ class GrowingGraph(Oracle):
         if isinstance(value, Expire) and value.timer not in self._station.armed(ME, before):
             return None
         after, out, told, rule, arm, stop = self._station.step(ME, before, value)
-        sets = (tuple(sorted(values, key=canonical)) for values in (out, arm, stop))
-        messages, armed, stopped = sets
+        messages, armed, stopped = (tuple(sorted(of, key=canonical)) for of in (out, arm, stop))
         effect = Effect(messages, told, rule, armed, stopped)  # type: ignore[arg-type]
         changes = after != before or bool(arm or stop)
         return OracleAnswer(state, i, self.state_index[after], effect, changes)

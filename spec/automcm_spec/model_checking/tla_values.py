@@ -126,7 +126,12 @@ class _Reader:
             return _unquoted(self._take())
         if token[-1:].isdecimal() and token.lstrip("-").isdecimal():
             self._take()
-            return self._interval(int(token)) if self.token == ".." else int(token)
+            if not self.skip(".."):
+                return int(token)
+            last = self.value()
+            if not isinstance(last, int):
+                self._fail("an integer", repr(last))
+            return frozenset(range(int(token), last + 1))
         match token:
             case "<<":
                 return tuple(self._values(">>"))
@@ -148,13 +153,6 @@ class _Reader:
         while self.skip(","):
             yield self.value()
         self.expect(close)
-
-    def _interval(self, first: int) -> Value:
-        self.expect("..")
-        last = self.value()
-        if not isinstance(last, int):
-            self._fail("an integer", repr(last))
-        return frozenset(range(first, last + 1))
 
     def _record(self) -> Value:
         fields: dict[str, Value] = {}
