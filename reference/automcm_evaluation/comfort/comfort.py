@@ -143,7 +143,6 @@ def fig6(setting: ComfortSetting) -> Values:
     moving = np.flatnonzero(np.diff(prescriber.y))
     begin, end = int(moving[0]), int(moving[-1]) + 1
     steps = slice(0, round(DRAWN_S / STEP_S), DRAWN_STEPS)
-    behind = {n: found[n].first_slower(alone[n]) for n in (A, B, C)}
     gap, _ = distance(C, found)
     return {
         "x_m": {str(n): np.round(found[n].x[steps], 2).tolist() for n in found},
@@ -152,7 +151,7 @@ def fig6(setting: ComfortSetting) -> Values:
         "end_s": round(float(prescriber.t[end]), 1),
         "begin_m": round(float(prescriber.x[begin]), 2),
         "end_m": round(float(prescriber.x[end]), 2),
-        "slower_s": {str(n): behind[n] for n in behind},
+        "slower_s": {str(n): found[n].first_slower(alone[n]) for n in (A, B, C)},
         "slowest": {str(n): round(float(found[n].speed.min()), 3) for n in found},
         "a_differs": round(float(np.abs(found[A].speed - alone[A].speed).max()), 3),
         "b_at_begin": round(float(found[B].speed[begin]), 3),

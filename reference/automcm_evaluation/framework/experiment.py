@@ -23,7 +23,6 @@ from automcm_simulation.road.figures import NamedFigures
 Json = Any
 Values = dict[str, Json]
 """The parameters or the results of a cell: JSON, equal on every machine."""
-PROFILES = ("quick", "standard")
 PAGES = Path(__file__).parents[1] / "pages"
 """NAME.md.j2 and NAME.claims.toml of each experiment: its page and its claims."""
 

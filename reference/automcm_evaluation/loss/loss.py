@@ -6,14 +6,17 @@ sessions over UDP sockets, and the cost of a longer time-out.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 from pydantic import Field
 
+from automcm.links.simulated_radio import Channel
 from automcm_evaluation.arrival import arrival
 from automcm_evaluation.framework.experiment import ExperimentSettings, Json, Values, blocks, grid
 from automcm_evaluation.loss import loss_road, loss_sessions, loss_udp
 from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS
+from automcm_simulation.road.simulation import Simulation
 
 TITLE = "Packet loss and time-outs (VI-C, Fig. 9, Eq. 2)"
 BLOCK, ROAD_BLOCK = 2500, 20
@@ -83,7 +86,8 @@ def run(values: Values, seed: int) -> Values:
     """Run one cell.  Those over UDP run in real time, so a seed does not reproduce them."""
     match values["part"]:
         case "road" | "road bursts":
-            return loss_road.block(values, seed)
+            channel = Channel(loss=values["loss"] / 100, burst_ms=values.get("burst_ms", 0))
+            return loss_road.block(values, seed, partial(Simulation, channel=channel))
         case "udp":
             return loss_udp.over_udp(
                 values["t_timeout"], values["loss"] / 100, values["trials"], seed

@@ -7,7 +7,6 @@ from random import Random
 
 from automcm.applications.lane_change import PaperLaneChange, Plan
 from automcm.applications.vehicle import LateBraking, Vehicle
-from automcm.links.simulated_radio import Channel
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
 from automcm_simulation.road.drive import SimulatedDrive, arrival_s
 from automcm_simulation.road.simulation import Simulation
@@ -30,38 +29,25 @@ class Insists(PaperLaneChange):
             self.vehicle.change_lane(lane, driving)
 
 
-def drive(
-    values: Values,
-    seed: int,
-    *,
-    beside_m: float,
-    signal_m: float,
-    simulation: Simulation | None = None,
-) -> Values:
+def drive(values: Values, simulation: Simulation, beside_m: float, signal_m: float) -> Values:
     """One drive: ``arrival_s`` of the receiver since the signal, whether they ``agreed``, whether
     the prescriber ``completed`` (changed lanes as agreed and sent its Fin), and whether the
     receiver ``stopped``.
 
-    A given ``simulation`` determines the loss.  Raises ExperimentError if the receiver does not
-    arrive.
+    ``simulation`` determines the loss.  Raises ExperimentError if the receiver does not arrive.
     """
     speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
     prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
     receiver = PaperLaneChange(Vehicle(2, 0.0, 1, speed, speed, late=LateBraking()))
-    driven = SimulatedDrive(
-        [prescriber, receiver],
-        seed=seed,
-        channel=Channel(loss=values.get("loss", 0) / 100, burst_ms=values.get("burst_ms", 0)),
-        simulation=simulation,
-        parameters=Parameters(t_timeout=t_timeout),
-    )
+    parameters = Parameters(t_timeout=t_timeout)
+    driven = SimulatedDrive([prescriber, receiver], parameters=parameters, simulation=simulation)
     signal_ms = round(signal_m / speed * 1000)
     driven.simulation.clock.at(signal_ms, lambda: prescriber.signal(1))
     until_s, arrival = 30.0, None
     while arrival is None:
         until_s += 5
         if until_s > TOO_LATE_S:
-            raise ExperimentError(f"the receiver does not arrive: {values}, seed {seed}")
+            raise ExperimentError(f"the receiver does not arrive: {values}")
         driven.run(until_s)
         arrival = arrival_s(driven.road.of(2), values["target_m"])
     return {
@@ -72,15 +58,12 @@ def drive(
     }
 
 
-def block(values: Values, seed: int, over: Callable[[int], Simulation] | None = None) -> Values:
+def block(values: Values, seed: int, over: Callable[..., Simulation]) -> Values:
     """Drives in one cell: a list for each figure.  ``over`` makes the simulation for a seed."""
     random = Random(seed)
     drives = []
     for _ in range(values["trials"]):
         own = random.getrandbits(31)
         beside_m, signal_m = (random.uniform(*values[name]) for name in ("beside_m", "signal_m"))
-        simulation = None if over is None else over(own)
-        drives.append(
-            drive(values, own, beside_m=beside_m, signal_m=signal_m, simulation=simulation)
-        )
+        drives.append(drive(values, over(seed=own), beside_m, signal_m))
     return columns(drives)
