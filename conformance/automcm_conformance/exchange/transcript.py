@@ -114,7 +114,8 @@ def exchange(steps: list[Step], *, complete: bool = False) -> list[Line]:
     lines = []
     for n, step in enumerate(steps):
         lasting = step.command.get("durations", {}).values()
-        prepares = n == 0 or (lasting and min(lasting) >= SOON_MS)
+        resets = n == 0 and step.command["cmd"] == "reset"
+        prepares = resets or (lasting and min(lasting) >= SOON_MS)
         if prepares and not complete and step is not steps[-1]:
             continue
         fault = f"; malformed: {step.fault}" if step.fault else ""

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from time import monotonic
-from typing import Any
 
 from automcm_conformance.adapter.adapter import PATIENCE, Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
@@ -25,7 +24,7 @@ from automcm_conformance.exchange.exchange import (
 from automcm_conformance.exchange.play import LEASES, RUNS, play, shortened
 from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC, Deciding
 from automcm_conformance.exchange.tours import Allowed, Pair, Tours
-from automcm_conformance.exchange.wire import LONG, VALUES
+from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
@@ -144,13 +143,16 @@ class Runner:
         oracle: Oracle,
         parameters: Mapping[str, int] = PARAMETERS,
         *,
+        rich: bool = False,
+        values: Values = PLAIN,
+        seed: int | None = None,
+        predict: bool = False,
+        logged: bool = True,
         limits: Mapping[str, int] | None = None,
         link: LineLink | None = None,
-        **options: Any,
     ) -> Exchange:
         """An exchange with a fresh station over the adapter or another ``link``, by default with
-        the limits of the graph, and ``options`` of ``Exchange``. Parameters that need a missing
-        feature are omitted."""
+        the limits of the graph. Parameters that need a missing feature are omitted."""
         if "clock_drift" not in self.features:
             parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
@@ -163,7 +165,11 @@ class Runner:
             scenario=scenario,
             judges_marks="cam" in self.features
             and not (self._cam_marks and self._cam_marks.decided),
-            **{"seed": self.seed} | options,
+            rich=rich,
+            values=values,
+            seed=self.seed if seed is None else seed,
+            predict=predict,
+            logged=logged,
         )
 
     # -- which pairs
