@@ -149,12 +149,12 @@ def steps_lead_forward_and_back_to_the_same_state(browser: Browser, folder: Path
 
 
 def states_from_deltas_are_those_of_the_log(browser: Browser, folder: Path) -> None:
-    from automcm_traces.checker.follow import follow
+    from automcm_traces.checker.follow import Check
     from automcm_traces.viewer.page_follow import States
 
     with browser.page(browser.write("states", FOUR[0])) as page:
         log, states = read(FOUR[0]), States(range(10**9))
-        follow(log, watchers=[states])
+        Check(log, watchers=[states]).read()
         followed = states.history(log)
         for step in range(len(followed.steps)):
             assert page.evaluate(f"stateAfter(0, {step}).state") == followed.state(step), step

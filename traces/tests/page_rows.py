@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.log_format.reader import Log
-from automcm_traces.checker.follow import follow
+from automcm_traces.checker.follow import Check
 from automcm_traces.system.fates import FATES
 from automcm_traces.viewer.page_follow import StateHistory, States
 
@@ -79,7 +79,7 @@ def number(value: Json) -> int:
 
 def followed_by(log: Log) -> StateHistory:
     states = States(range(sys.maxsize))
-    follow(log, watchers=[states])
+    Check(log, watchers=[states]).read()
     return states.history(log)
 
 

@@ -231,9 +231,8 @@ def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[
     if to == "logs":
         return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
     together = Logs(paths)
-    lines = diagram(together.rows(), together.stations, unfold=unfold)
-    text = "\n".join(lines) + "\n"
-    return {f"{paths[0].stem}.mmd": text.encode()}
+    lines = [*diagram(together.rows(), together.stations, unfold=unfold), ""]
+    return {f"{paths[0].stem}.mmd": "\n".join(lines).encode()}
 
 
 def _logs_of(counterexample: Path) -> dict[str, bytes]:

@@ -113,11 +113,9 @@ def page_of(
 
     if compare:
         check_size([*paths, *compare])
-    a, title = _run(paths, late, part)
-    if not compare:
-        return page_data.of_runs(a, title=title)
-    b, other = _run(list(compare), late)
-    return page_data.of_runs(a, b, stations, f"{title} | {other}")
+    a = _run(paths, late, part)
+    b = _run(list(compare), late) if compare else None
+    return page_data.of_runs(a, b, stations)
 
 
 def _part(
@@ -146,15 +144,13 @@ def _part(
     )
 
 
-def _run(paths: list[Path], late: int | None, part: PagePart | None = None) -> tuple[PageRun, str]:
-    """A run and its title."""
+def _run(paths: list[Path], late: int | None, part: PagePart | None = None) -> PageRun:
     from automcm_traces.viewer.page_part import PageError
     from automcm_traces.viewer.page_run import load
 
     itf = [path for path in paths if path.name.endswith(".json")]
     if not itf:
-        run = load(paths, late, part)
-        return run, run.title
+        return load(paths, late, part)
     if len(paths) > 1:
         raise PageError("a counterexample must be the only file; give it without other logs")
     if part:
@@ -165,7 +161,7 @@ def _run(paths: list[Path], late: int | None, part: PagePart | None = None) -> t
     return _counterexample(itf[0], late)
 
 
-def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
+def _counterexample(path: Path, late: int | None) -> PageRun:
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError
@@ -188,4 +184,4 @@ def _counterexample(path: Path, late: int | None) -> tuple[PageRun, str]:
             logs.append(log)
         run = load(sorted(logs), late)
         run.counterexample = shown(found.model, len(found.moves) + 1)
-        return run, f"{found.model}, counterexample found by TLC"
+        return run

@@ -120,9 +120,8 @@ class _Sources:
             what = file.change()
             if what == "missing" and file not in self._waiting:
                 self._waiting.add(file)
-                yield WatchReport(
-                    "waiting", f"{log.file}: waiting for the file", {"file": log.file}
-                )
+                text = f"{log.file}: waiting for the file"
+                yield WatchReport("waiting", text, {"file": log.file})
             elif what in ("truncated", "replaced"):
                 yield note(log.file, f"the file was {what}; what follows is a log of its own")
                 yield from self._watch.end(log)
@@ -157,10 +156,8 @@ class _Sources:
 
         if sender not in self._senders:
             over = (name for name, log in self._senders.items() if log.verdict is not None)
-            if (
-                len(self._senders) >= MOST_SENDERS
-                and self._senders.pop(next(over, ""), None) is None
-            ):
+            full = len(self._senders) >= MOST_SENDERS
+            if full and self._senders.pop(next(over, ""), None) is None:
                 return
             again = self._copy(sender)
             self._senders[sender] = self._watch.add(again, LineBuffer(again))

@@ -12,7 +12,7 @@ from wrong_station import station
 
 from automcm_spec.log_format.reader import read
 from automcm_traces.checker.finding import Finding
-from automcm_traces.checker.follow import follow
+from automcm_traces.checker.follow import Check
 
 CASES = ("AMCM/RCV", "AMCM/PRE/NEG")
 SAYS = """
@@ -26,7 +26,7 @@ def answer(command):
 
 
 def judged(folder: Path, log: str) -> Finding:
-    return follow(read(folder / "report" / log)).finding
+    return Check(read(folder / "report" / log)).read().finding
 
 
 @pytest.mark.slow

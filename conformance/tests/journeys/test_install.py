@@ -50,7 +50,7 @@ from automcm.links.udp_link import UdpLink
 from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm.service.station_process import StationProcess
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.checker.follow import follow
+from automcm_traces.checker.follow import Check
 from automcm_spec.log_format.reader import read
 to = ("127.255.255.255", 20_000 + os.getpid() % 10_000)
 link = partial(UdpLink, host="127.0.0.1", broadcast=to)
@@ -59,7 +59,7 @@ station = StationProcess(
     report=print, log=Path("7.ndjson"), commands=[(0, LANE_CHANGE)], listen_ms=0, for_ms=500,
 )
 asyncio.run(station.run())
-print("decided:", follow(read("7.ndjson")).decided)
+print("decided:", Check(read("7.ndjson")).read().decided)
 """
 BRIDGE = """
 from automcm.bridge import websocket_bridge

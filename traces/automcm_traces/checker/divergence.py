@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 
 from automcm_spec.log_format.log import ForgetTimer, MessageKey, MessageTimer, Part
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
@@ -160,12 +161,8 @@ class Question:
     def arms(self, timer: Timer) -> list[str]:
         """The phases in which this timer can be armed."""
         me, st = self._track.me, self._track.state
-        other = [
-            st._replace(phase=phase, role=role, deciding=deciding)
-            for phase in PHASES
-            for role in ROLES
-            for deciding in (False, True)
-        ]
+        values = product(PHASES, ROLES, (False, True))
+        other = (st._replace(phase=p, role=role, deciding=d) for p, role, d in values)
         return sorted({each.phase for each in other if timer in self._station.armed(me, each)})
 
     def causes(self, near: Sequence[Input], wanted: Action, dst: object) -> tuple[str, ...]:
@@ -332,9 +329,8 @@ def _input(i: Input) -> str:
     match i.kind:
         case "receive":
             m = i.message
-            extra = (
-                f" ({'accepted' if m.accepted else 'refused'})" if m.type == "Acceptance" else ""
-            )
+            answer = " (accepted)" if m.accepted else " (refused)"
+            extra = answer if m.type == "Acceptance" else ""
             return f"{kind(i)} from {_station(m.src)}{extra}"
         case "cam":
             return f"{kind(i)} from {_station(i.src)}"
@@ -361,10 +357,10 @@ def _state(t: Track) -> str:
         ("outbox", [f"{e.spec.type} to {e.spec.to} seq={e.message.seq}" for e in t.outbox]),
     ):
         if value:
-            words.append(
-                f"{name} {value if isinstance(value, int) else ', '.join(map(str, value))}"
-            )
-    words += [word for word, is_ in _FLAGS.items() if getattr(st, is_)]
+            text = str(value) if isinstance(value, int) else ", ".join(map(str, value))
+            words.append(f"{name} {text}")
+    words += ["deciding"] if st.deciding else []
+    words += ["in back-off"] if st.backoff else []
     if st.quarantine and (q := t.quarantine) is not None:
         lasts = "" if q.lasts_ms is None else f", for {q.lasts_ms} ms"
         words.append(f"in quarantine by {q.rule} since line {q.line}{lasts}")
@@ -385,6 +381,3 @@ def _ignored_cam(d: Diverges, track: Track) -> str:
     last = f"that of line {track.last_cam_line}, {track.last_cam_ms}"
     age = f"generation_ms {m.generation_ms} is not newer than {last}"
     return f"the CAM of line {d.step.at} does not count: {age} (ACT-5)"
-
-
-_FLAGS = {"deciding": "deciding", "in back-off": "backoff"}

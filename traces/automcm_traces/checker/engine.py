@@ -150,10 +150,8 @@ class Engine:
             return [], []
         armed = [self.track.named(step.sent, timer) for timer in step.arm]
         armed.sort(key=lambda timer: getattr(getattr(timer, "message", None), "seq", 0))  # as sent
-        return (
-            [self.track.named(step.sent, timer) for timer in step.stop],
-            [(timer, self._duration(step, timer)) for timer in armed],
-        )
+        stopped = [self.track.named(step.sent, timer) for timer in step.stop]
+        return stopped, [(timer, self._duration(step, timer)) for timer in armed]
 
     def outstanding(self) -> list[str]:
         """The missing effects of the last input, of the kinds that the log promises."""
@@ -480,11 +478,8 @@ class Engine:
         for timer in stop:
             self.timers.pop(timer, None)
         for timer, duration in arm:
-            if duration is None:
-                self._arm(timer, step.since_ms, None, step.at, step.t_ms)
-            else:
-                first, last = step.since_ms + duration, step.t_ms + duration
-                self._arm(timer, first, last, step.at, step.t_ms)
+            last = None if duration is None else step.t_ms + duration
+            self._arm(timer, step.since_ms + (duration or 0), last, step.at, step.t_ms)
         step.stop, step.arm = [], []
 
     def _duration(self, step: InputStep, timer: Timer) -> int | None:

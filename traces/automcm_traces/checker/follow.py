@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 from automcm_spec.log_format.log import Event
 from automcm_spec.log_format.reader import Log, LogStream
@@ -43,30 +43,13 @@ class Watcher:
         """Called at the end."""
 
 
-def follow(
-    log: Log | LogStream,
-    late_ms: int | None = None,
-    watchers: Sequence[Watcher] = (),
-    *,
-    events: Iterable[tuple[int, Event]] | None = None,
-    one: bool = False,
-) -> Check:
-    """Check a log. Of a LogStream, only the last events are kept in memory.
-
-    ``late_ms`` is as for ``Engine``. ``events`` replaces the events of the log. With ``one``, a
-    single state is tracked even if the log does not promise all of ``NEEDED``; where it does not
-    allow an event, the check ends without a verdict.
-    """
-    check = Check(log, late_ms, watchers, one=one)
-    check.read(log if events is None else events)
-    return check
-
-
 class Check:
     """The check of one log: ``feed`` it the events in order, then ``end`` it; or let it ``read``
-    all.
+    all. Of a LogStream, only the last events are kept in memory.
 
-    The arguments are those of ``follow``.
+    ``late_ms`` is as for ``Engine``. With ``one``, a single state is tracked even if the log does
+    not promise all of ``NEEDED``; where it does not allow an event, the check ends without a
+    verdict.
     """
 
     def __init__(
@@ -125,12 +108,13 @@ class Check:
         """Whether further events change nothing."""
         return self.finding.kind != "nothing"
 
-    def read(self, events: Iterable[tuple[int, Event]]) -> None:
-        """Feed all events, and end."""
-        events = iter(events)
-        self.feed_all(events)
-        self.after = _read_to_the_end(self.log, events)
+    def read(self, events: Iterable[tuple[int, Event]] | None = None) -> Self:
+        """Feed all events, by default those of the log, and end."""
+        left = iter(self.log if events is None else events)
+        self.feed_all(left)
+        self.after = _read_to_the_end(self.log, left)
         self.end()
+        return self
 
     def feed_all(self, events: Iterable[tuple[int, Event]]) -> None:
         """Check these events, as far as they can be read, unless the check is over before."""

@@ -62,6 +62,43 @@ class _Supposing(Engine):
             self.supposed = (*self.supposed, Supposition(what, after, at))
             self.restarts += what == "restart"
 
+    def kind(self) -> tuple[object, ...]:
+        """A value that distinguishes possible states, except for their times."""
+        step = self.step
+        calls: tuple[object, ...] = ()
+        if step is not None:
+            left = tuple(self.outstanding()), tuple(step.indications), len(step.sent)
+            calls = step.input, left, len(step.arm), step.unseen
+        return self.track.key(), frozenset(self.timers), calls, self.malformed
+
+    def covers(self, other: _Supposing) -> bool:
+        """Whether this state, which differs from another only in times, allows all that the other
+        allows and supposes no more."""
+        a, b = self.step, other.step
+        if a and b and (a.since_ms > b.since_ms or a.t_ms < b.t_ms):
+            return False
+        return (
+            self.since_ms <= other.since_ms
+            and len(_common(self.supposed, other.supposed)) == len(self.supposed)
+            and all(_lasts(self.timers[key], d) for key, d in other.timers.items())
+        )
+
+    def rank(self, d: Diverges) -> tuple[float, int]:
+        """How little of the log this state explains; lower is better.
+
+        A late timer, or a message in another form, ranks by its differences. An event that no input
+        calls for ranks behind, by the number of missing effects, and last if none is missing. Each
+        supposed restart adds to the rank.
+        """
+        wanted = d.finding.expected
+        lacks = 0 if wanted in ((), (NOTHING,)) else len(wanted)
+        restarts = self.restarts
+        if isinstance(d, Late):
+            return 1 + restarts, 0
+        if d.mismatch:
+            return d.mismatch + restarts, 0
+        return (3 + restarts, lacks) if lacks else (inf, 0)
+
 
 class Possible:
     """All states that the log allows so far. Replaces Engine for logs that promise less."""
@@ -137,7 +174,7 @@ class Possible:
             try:
                 engine.finish()
             except Diverges as d:
-                refused.append((_rank(d, engine), d))
+                refused.append((engine.rank(d), d))
             else:
                 left.append(engine)
         if not left:
@@ -213,7 +250,7 @@ class _Search:
             engine.feed(self.at, self.event)
         except Diverges as d:
             # Its traceback would hold this search, which holds it.
-            self.refused.append((_rank(d, engine), d.with_traceback(None)))
+            self.refused.append((engine.rank(d), d.with_traceback(None)))
         except CannotTell as error:
             self.given_up = str(error)
         else:
@@ -234,35 +271,12 @@ class _Search:
 
     def _is_new(self, engine: _Supposing) -> bool:
         """Whether no state seen so far covers this one; records it if so."""
-        alike = self._seen.setdefault(_kind(engine), [])
-        if any(_covers(other, engine) for other in alike):
+        alike = self._seen.setdefault(engine.kind(), [])
+        if any(other.covers(engine) for other in alike):
             return False
         alike.append(engine)
         self.number += 1
         return True
-
-
-def _kind(engine: Engine) -> tuple[object, ...]:
-    """A value that distinguishes possible states, except for their times."""
-    step = engine.step
-    calls: tuple[object, ...] = ()
-    if step is not None:
-        left = tuple(engine.outstanding()), tuple(step.indications), len(step.sent)
-        calls = step.input, left, len(step.arm), step.unseen
-    return engine.track.key(), frozenset(engine.timers), calls, engine.malformed
-
-
-def _covers(a: _Supposing, b: _Supposing) -> bool:
-    """Whether ``a``, which differs from ``b`` only in times, allows all that ``b`` allows and
-    supposes no more."""
-    one, other = a.step, b.step
-    if one and other and (one.since_ms > other.since_ms or one.t_ms < other.t_ms):
-        return False
-    return (
-        a.since_ms <= b.since_ms
-        and len(_common(a.supposed, b.supposed)) == len(a.supposed)
-        and all(_lasts(a.timers[key], d) for key, d in b.timers.items())
-    )
 
 
 def _lasts(a: Deadline, b: Deadline) -> bool:
@@ -272,7 +286,7 @@ def _lasts(a: Deadline, b: Deadline) -> bool:
 
 def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) -> None:
     """Add a state; one that differs only in times is merged into the existing one."""
-    other = engines.setdefault(_kind(engine), engine)
+    other = engines.setdefault(engine.kind(), engine)
     if other is engine:
         return
     other.since_ms = min(other.since_ms, engine.since_ms)
@@ -301,20 +315,3 @@ def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Sup
             before = max(one.before_line, other.before_line)
             found.append(Supposition(one.what, after, before))
     return tuple(found)
-
-
-def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
-    """How little of the log a state explains; lower is better.
-
-    A late timer, or a message in another form, ranks by its differences. An event that no input
-    calls for ranks behind, by the number of missing effects, and last if none is missing. Each
-    supposed restart adds to the rank.
-    """
-    wanted = d.finding.expected
-    lacks = 0 if wanted in ((), (NOTHING,)) else len(wanted)
-    restarts = engine.restarts
-    if isinstance(d, Late):
-        return 1 + restarts, 0
-    if d.mismatch:
-        return d.mismatch + restarts, 0
-    return (3 + restarts, lacks) if lacks else (inf, 0)

@@ -24,7 +24,7 @@ from automcm_spec.vocabulary.reachable_steps import steps
 from automcm_spec.vocabulary.rules import RULES, kind
 from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
 from automcm_traces.checker.finding import Answer, Finding, answer, unreadable, worst
-from automcm_traces.checker.follow import Check, Follower, Watcher, follow
+from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.track import INITIAL, InputStep, Track
 
 ALL_TYPES = (*get_args(MessageType), "CAM")
@@ -82,7 +82,7 @@ class LogCoverage:
         except BadInput as error:
             self._problem(unreadable(error), 0)
             return
-        check = follow(stream, late_ms, [_Counter(self)], one=True)
+        check = Check(stream, late_ms, [_Counter(self)], one=True).read()
         if check.finding.kind != "nothing":
             self._problem(check.finding, check.line)
 

@@ -168,10 +168,8 @@ def explain(
     watchers: Sequence[Watcher] = (),
     events: Iterable[tuple[int, Event]] | None = None,
 ) -> Verdict:
-    """The verdict on one log. The arguments are those of ``follow``."""
-    check = VerdictCheck(log, late_ms, watchers)
-    check.read(log if events is None else events)
-    return check.verdict()
+    """The verdict on one log. The arguments are those of ``Check`` and its ``read``."""
+    return VerdictCheck(log, late_ms, watchers).read(events).verdict()
 
 
 class VerdictCheck(Check):
@@ -340,13 +338,9 @@ def text(verdict: Verdict, start_ms: Mapping[str, int] | None = None) -> str:
     ``start_ms`` has the time that counts as 0, by file; without it, times are as logged.
     """
     start = None if start_ms is None else start_ms.get(verdict.file, 0)
-    hint = [f"  hint: {verdict.hint}"] if verdict.hint else []
-    lines = [
-        *_lines(verdict, start),
-        *_rejected(verdict),
-        *hint,
-        *(f"  warning: {warning}" for warning in verdict.warnings),
-    ]
+    lines = [*_lines(verdict, start), *_rejected(verdict)]
+    lines += [f"  hint: {verdict.hint}"] if verdict.hint else []
+    lines += [f"  warning: {warning}" for warning in verdict.warnings]
     return "\n".join(map(printable, lines))
 
 
@@ -380,8 +374,7 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
         states = f"{n} state{'' if n == 1 else 's'} of the specification"
         yield f"  not logged: {kinds}; at its end the log fits {states}"
     suppositions = verdict.only_if[-SESSIONS:]
-    if len(verdict.only_if) > len(suppositions):
-        number = len(verdict.only_if)
+    if (number := len(verdict.only_if)) > len(suppositions):
         yield f"  allowed only if {number} unlogged events happened; the last of them:"
     yield from (f"  allowed only if {supposition}" for supposition in suppositions)
     shown = verdict.sessions[-SESSIONS:]

@@ -184,13 +184,10 @@ def errors_text(kinds: Sequence[Repeated], path: str | Path) -> list[str]:
     return [*lines, f"{left}all: {lint_}"]
 
 
-EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
-
-
 def exit_code(reports: Sequence[LintReport]) -> int:
     """The exit code for the most severe report: findings, then unreadable."""
-    codes = {EXIT[r.verdict] for r in reports}
-    return next((code for code in (1, 3) if code in codes), 0)
+    verdicts = {r.verdict for r in reports}
+    return 1 if "findings" in verdicts else 3 if "unreadable" in verdicts else 0
 
 
 def text(report: LintReport) -> str:

@@ -70,9 +70,8 @@ class Logs:
         self.warnings: list[str] = []
         for path in paths:
             if path.is_fifo():
-                raise BadInput(
-                    path, 0, "", "is a pipe, but must be read twice; save it to a file first"
-                )
+                problem = "is a pipe, but must be read twice; save it to a file first"
+                raise BadInput(path, 0, "", problem)
             header = header_of(path)
             if header.station in self._paths:
                 other = self._paths[header.station]

@@ -84,9 +84,8 @@ class WatchedLog:
         if self.verdict is not None:
             return
         if isinstance(self.lines, GrowingFile) and not self.lines.open():
-            self.verdict = Verdict(
-                self.file, unreadable(BadInput(self.file, 0, "", "no such file"))
-            )
+            error = BadInput(self.file, 0, "", "no such file")
+            self.verdict = Verdict(self.file, unreadable(error))
             return
         self.lines.finish()
         self._entries.finish()

@@ -106,8 +106,7 @@ def _steps_of_move(
     main = main._replace(arm=main.arm | move.also_armed)
     when = move.at_ms, move.behind_ms, move.deadlines, move.cams
     out = [BehaviourStep(s, move.before[s], move.input, StepEffects(main, marks), *when)]
-    for q in split.chain:
-        out.append(BehaviourStep(s, q.state, q.input, effects[q]))
+    out += [BehaviourStep(s, q.state, q.input, effects[q]) for q in split.chain]
     reached = out[-1].effects.outcome.st
     if reached != move.after[s]:
         raise BehaviourError(

@@ -19,6 +19,7 @@ that the specification leaves open are made up here:
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -151,7 +152,7 @@ class _LogBuilder:
         self._attacked = attacked
         self._forgeries = 0
         self._stations = {s: _Station() for s in stations}
-        self._seqs: dict[tuple[int, Session], int] = {}
+        self._seqs: Counter[tuple[int, Session]] = Counter()
         self._sent: dict[tuple[int, str, int, Session, int], dict[str, Json]] = {}
         self._air: dict[Message | Marked, tuple[str, dict[str, Json]]] = {}
         self._lease, self._times = _times(story, stations, lease_ms)
@@ -273,18 +274,16 @@ class _LogBuilder:
         if m.seq and key in self._sent and (again or entry in h.before.outbox):
             message = self._sent[key]
         else:
-            seq = self._seq(m.src, m.session) if m.seq else 0
+            seq = 0
+            if m.seq:
+                self._seqs[m.src, m.session] += 1
+                seq = self._seqs[m.src, m.session]
             given = self._command(h.input) if isinstance(h.input, Command) else {}
             given |= {"planned": PLANNED, "reason": m.reason}
             given["of"] = {name: received_message.get(name) for name in ("type", "seq")}
             message = wire_forms.message(NAMES, m, seq, given.__getitem__)
             self._sent[key] = message
         self._transmit(h.station, now, plain(m), message)
-
-    def _seq(self, station: int, session: Session) -> int:
-        key = station, session
-        self._seqs[key] = self._seqs.get(key, 0) + 1
-        return self._seqs[key]
 
     def _cam(self, station: int, now: int) -> None:
         marks = self._stations[station].marks

@@ -23,7 +23,7 @@ from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_spec.vocabulary.station import Message, State, Timer
-from automcm_traces.checker.follow import Watcher, follow
+from automcm_traces.checker.follow import Check, Watcher
 from automcm_traces.checker.track import CannotTell, InputStep, Track
 from automcm_traces.export import behaviour_to_log, itf
 from automcm_traces.export.behaviour_effects import effects_of
@@ -108,15 +108,12 @@ def _behaviour(value: object) -> Behaviour:
     states = itf.from_itf(value)
     meta = value.get("#meta")
     source = meta.get("source") if isinstance(meta, dict) else None
-    found = (
-        re.fullmatch(r"spec/models/models\.toml#(\w+)", source) if isinstance(source, str) else None
-    )
-    listed = {m.cfg: m for m in models.load()}
-    if found is None or found[1] not in listed:
+    sources = {f"spec/models/models.toml#{m.cfg}": m for m in models.load()}
+    model = sources.get(source) if isinstance(source, str) else None
+    if model is None:
         raise itf.ItfError("#meta: source: must name a model, as in spec/models/models.toml#rejoin")
     if not states:
         raise itf.ItfError("'states' is empty")
-    model = listed[found[1]]
     if model.module in models.ALONE:
         raise itf.ItfError(
             f"{model.cfg} has no logs: in {model.module} a station receives messages that "
@@ -209,7 +206,7 @@ def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:
     automcm_traces.checker.track.CannotTell.
     """
     watcher = _Steps(log)
-    check = follow(log, watchers=[watcher], one=True)
+    check = Check(log, watchers=[watcher], one=True).read()
     if not check.decided:
         found = check.finding
         raise CannotTell(f"{at_line(log.file, found.at.line)}: {found.observed}")

@@ -120,8 +120,7 @@ def logs(path: Path) -> dict[str, bytes]:
     Raises OSError, and McapError if it contains none.
     """
     reader = _module("reader")
-    found: dict[int, list[tuple[int, bytes]]] = {}
-    names: dict[int, str] = {}
+    found: dict[int, tuple[str, list[tuple[int, bytes]]]] = {}
     with open(path, "rb") as stream:
         try:
             messages = list(reader.make_reader(stream).iter_messages(log_time_order=False))
@@ -130,13 +129,13 @@ def logs(path: Path) -> dict[str, bytes]:
             raise McapError(one_line(f"{path}: cannot be read as MCAP: {text}")) from None
     for _, channel, message in messages:
         if channel.topic.startswith(TOPIC) and channel.message_encoding == "json":
-            names[channel.id] = _name(channel.topic, channel.metadata.get("file", ""))
-            found.setdefault(channel.id, []).append((message.sequence, bytes(message.data)))
+            name = _name(channel.topic, channel.metadata.get("file", ""))
+            _, lines = found.setdefault(channel.id, (name, []))
+            lines.append((message.sequence, bytes(message.data)))
     if not found:
         raise McapError(f"{path}: contains no JSON channel named {TOPIC}STATION")
     texts: dict[str, bytes] = {}
-    for id_, lines in found.items():
-        name = names[id_]
+    for id_, (name, lines) in found.items():
         if name in texts:
             name = f"{Path(name).stem}-{id_}.ndjson"
         *before, last = (line for _, line in sorted(lines))

@@ -47,9 +47,8 @@ class Deliveries:
         for node, sent in sends(merged):
             for to in addressees(merged.stations[node[0]], sent.message, merged.stations):
                 way = node, to
-                self.outcomes[way] = (
-                    "duplicated" if came[way] > 1 else "delivered" if came[way] else fates[way]
-                )
+                n = came[way]
+                self.outcomes[way] = "duplicated" if n > 1 else "delivered" if n else fates[way]
 
     def counts(self) -> dict[str, dict[str, int]]:
         """By ``SRC-DST``, how often each outcome occurred, including CAMs."""
@@ -89,14 +88,10 @@ def forged_receptions(merged: Merged) -> dict[str, Finding]:
         (at, e), file = merged.logs[i].events[k], merged.logs[i].file
         if isinstance(e, Receive) and e.tx is not None and file not in found:
             m, original = e.message or {}, sent.get(e.tx)
-            was = (
-                "that transmission was another message"
-                if original
-                else "its sender did not send it"
-            )
-            text = (
-                f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}: forged, {was}"
-            )
+            why = "that transmission was another message"
+            why = why if original else "its sender did not send it"
+            received = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
+            text = f"{received}: forged, {why}"
             differ = tuple(_differences(original, m)) if original else ()
             found[file] = Finding("forged", "forged", "", Where(file, at), differ, text)
     return found

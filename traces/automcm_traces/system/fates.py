@@ -32,10 +32,6 @@ Fate = Literal[
 """``unobserved``: the log of the addressee is missing or incomplete; ``sender_unobserved``: that of
 the sender. ``duplicated``: received before. ``rejected``: a secured link discarded it."""
 FATES: tuple[Fate, ...] = get_args(Fate)
-WORDS = {"duplicated": "duplicate", "in_flight": "in flight"} | {
-    "sender_unobserved": "sender unobserved"
-}
-"""The fates whose text differs from their name."""
 ANYONE = NOBODY
 """The addressee of a broadcast that no other log can show, and the sender of bytes that are not a
 message."""
@@ -63,7 +59,8 @@ class Arrow(NamedTuple):
     @property
     def word(self) -> str:
         """The fate as text, with the reason."""
-        return f"{self.fate}: {self.reason}" if self.reason else WORDS.get(self.fate, self.fate)
+        word = "duplicate" if self.fate == "duplicated" else self.fate.replace("_", " ")
+        return f"{word}: {self.reason}" if self.reason else word
 
     def as_dict(self) -> dict[str, int | str]:
         """The ``--json`` form."""

@@ -30,6 +30,7 @@ EXCUSES = {
 }
 """The causes that excuse a hazard (S-5), and the text for each. A log that stops stands for a
 restart that never comes."""
+KEPT = {"within": "kept", "exceeds": "EXCEEDED", "cannot_tell": "cannot tell"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +101,7 @@ class Hazard:
             *(f"  between: {text}" for text in self.between),
         ]
         if self.bound is not None:
-            verdict = {
-                "within": "kept",
-                "exceeds": "EXCEEDED",
-                "cannot_tell": "cannot tell",
-            }[self.outcome]
-            lines.append(f"  T-2 bound {self.bound.text}: {verdict}")
+            lines.append(f"  T-2 bound {self.bound.text}: {KEPT[self.outcome]}")
         return "\n".join(map(printable, [*lines, f"  {self.why}"] if self.why else lines))
 
 

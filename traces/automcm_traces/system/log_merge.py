@@ -79,16 +79,6 @@ class Merged:
         at = bisect_right(places, node[1]) - 1
         return known[at] if at >= 0 else (0,) * len(self.logs)
 
-    def _link(self, matches: Matches) -> None:
-        """Note the fate of each message."""
-        fates = Fates(matches)
-        for i, log in enumerate(self.logs):
-            for k, (_, event) in enumerate(log.events):
-                node = i, k
-                if arrows := fates.arrows(node, event):
-                    self.arrows[node] = arrows
-        self.forged = fates.forged
-
     def _line_up(self, matches: Matches) -> None:
         """Order the events, and record the events of other stations that each depends on."""
         feeds = [self.feed(i) for i in range(len(self.logs))]
@@ -144,7 +134,12 @@ def merge(logs: Sequence[Log]) -> Merged:
             f"{matches.guessed} received messages name no transmission: matched by sender and "
             "content, so of equal copies the latest that was sent before counts as received"
         )
-    merged._link(matches)
+    fates = Fates(matches)
+    for i, log in enumerate(inputs):
+        for k, (_, event) in enumerate(log.events):
+            if arrows := fates.arrows((i, k), event):
+                merged.arrows[i, k] = arrows
+    merged.forged = fates.forged
     merged._line_up(matches)
     return merged
 

@@ -113,7 +113,7 @@ class Ledger:
     def of(log: Log | LogStream) -> Ledger:
         """The ledger of a log, up to where it is readable; it promises nothing after a gap."""
         made = Ledger(log.file, log.header)
-        lost: int | None = None
+        lost: int | None = None  # the number of lost records in the end record
         try:
             for _, event in log:
                 made.add(event)
@@ -126,16 +126,11 @@ class Ledger:
                 lost = log.end.lost_records
         except BadInput:
             pass  # reported where its rows end
-        made._promise(log, lost)
-        return made
-
-    def _promise(self, log: Log | LogStream, lost: int | None) -> None:
-        """``lost`` is the number of lost records in the end record; None without one. A log that
-        begins in mid-session promises nothing: its station may have sent and received more
-        before."""
-        self.ended = lost is not None
+        made.ended = lost is not None
+        # Before a log that begins in mid-session its station may have sent and received more.
         if not (lost or log.mid_session):
-            self.sends, self.receives = (k in log.header.complete for k in ("send", "receive"))
+            made.sends, made.receives = (k in log.header.complete for k in ("send", "receive"))
+        return made
 
     def not_sent(self, tx: str | None, logged: bool) -> str | None:
         """Why a received message without a matching transmission was certainly not sent.

@@ -112,16 +112,12 @@ class SystemReport:
 
     def as_dict(self) -> dict[str, object]:
         """The ``--json`` form."""
-        found = {each.name: getattr(self, each.name) for each in fields(self)}
-        return (
-            {"verdict": self.verdict}
-            | found
-            | {
-                "properties": [asdict(j) for j in self.properties],
-                "hazards": [h.as_dict() for h in self.hazards],
-                "sessions": [stay.text() for stay in self.sessions],
-            }
-        )
+        found: dict[str, object] = {"verdict": self.verdict}
+        found |= {each.name: getattr(self, each.name) for each in fields(self)}
+        found["properties"] = [asdict(j) for j in self.properties]
+        found["hazards"] = [h.as_dict() for h in self.hazards]
+        found["sessions"] = [stay.text() for stay in self.sessions]
+        return found
 
     def text(self, start_ms: Mapping[str, int] | None = None, matrix: bool = False) -> str:
         """The report as text: the finding at the end, the properties that hold on one line.

@@ -17,7 +17,7 @@ from automcm_spec.vocabulary.messages import Fields, session_in, to_dict
 from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import State
 from automcm_traces.checker.finding import cannot_tell
-from automcm_traces.checker.follow import Check, Follower, Watcher, follow
+from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
 
 Session = tuple[int, int]
@@ -122,7 +122,7 @@ def key_of(message: Fields) -> str:
 def timeline(log: Log) -> Timeline:
     """The station's timeline, which ends early if the check of the log does."""
     recorder = Recorder(log)
-    follow(log, watchers=[recorder])
+    Check(log, watchers=[recorder]).read()
     return recorder.made
 
 

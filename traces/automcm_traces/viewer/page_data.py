@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -131,7 +130,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         "operators": _used(page.histories),
         "rules": {rule: RULES.get(rule, "") for rule in sorted(rules)},
         "strings": strings.values,
-        "shapes": shapes.keys,
+        "shapes": list(shapes.keys),
         "traffic": page_traffic.of(page.traffic, page.nodes, page.logs),
     }
 
@@ -238,7 +237,7 @@ def _rows(
         found["t"].append(event.t_ms - times)
         found["text"].append(texts.back(summary(event)))
         body = shapes.pack(_body(event, vendor[i].get(at)))
-        found["body"].append(bodies.back(body, json.dumps(body)))
+        found["body"].append(bodies.back(body))
         found["session"].append(strings.place(sessions[i]))
         found["hint"].append(strings.place(hint))
         found["flags"].append(flags | BESIDE * (row in page.beside))

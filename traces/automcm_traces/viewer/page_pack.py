@@ -22,40 +22,30 @@ class PackedTable:
     values: list[Json] = field(default_factory=list)
     _places: dict[str, int] = field(default_factory=dict)
 
-    def back(self, value: Json, key: str | None = None) -> int:
-        """0 if ``value`` is new and was appended, else its distance from the end of the table.
-
-        ``key`` identifies a value; without it, ``value`` is its own key.
-        """
-        key = value if key is None else key
-        place = self._places.get(key)
-        if place is not None:
-            return len(self.values) - place
-        self._places[key] = len(self.values)
-        self.values.append(value)
-        return 0
+    def back(self, value: Json) -> int:
+        """The distance of a text or a list from the end of the table; 0 if it was appended."""
+        end = len(self.values)
+        return end - self.place(value)
 
     def place(self, value: Json) -> int:
-        """The index of a text or a list, from 0."""
-        back = self.back(value, value if isinstance(value, str) else json.dumps(value))
-        return len(self.values) - (back or 1)
+        """The index of a text or a list, from 0. A new one is appended."""
+        key = value if isinstance(value, str) else json.dumps(value)
+        place = self._places.setdefault(key, len(self.values))
+        if place == len(self.values):
+            self.values.append(value)
+        return place
 
 
 @dataclass(slots=True)
 class Shapes:
-    """The key lists of all packed objects."""
+    """The key lists of all packed objects, with their indices."""
 
-    keys: list[list[str]] = field(default_factory=list)
-    _places: dict[tuple[str, ...], int] = field(default_factory=dict)
+    keys: dict[tuple[str, ...], int] = field(default_factory=dict)
 
     def pack(self, value: Json) -> Json:
         """``value`` in packed form; numbers, texts and booleans stay."""
         if isinstance(value, dict):
-            names = tuple(value)
-            place = self._places.get(names)
-            if place is None:
-                place = self._places[names] = len(self.keys)
-                self.keys.append(list(names))
+            place = self.keys.setdefault(tuple(value), len(self.keys))
             return [place, *[v if type(v) in PLAIN else self.pack(v) for v in value.values()]]
         if isinstance(value, list | tuple):
             return [-1, *[v if type(v) in PLAIN else self.pack(v) for v in value]]

@@ -13,7 +13,7 @@ from typing import Any
 
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.checker.follow import follow
+from automcm_traces.checker.follow import Check
 from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, verdicts_together
 from automcm_traces.system.fates import ANYONE
 from automcm_traces.system.log_merge import Merged, MergeError, merge
@@ -59,6 +59,8 @@ class PageRun:
     @property
     def title(self) -> str:
         """The title of the page."""
+        if self.counterexample is not None:
+            return f"{self.counterexample['model']}, counterexample found by TLC"
         stations = self.merged.stations
         some = ", ".join(map(str, stations[:4])) + (", …" if stations[4:] else "")
         return f"{self.merged.run}: {some}"
@@ -138,7 +140,7 @@ def _until(path: Path, last: int, late_ms: int | None, states: States) -> None:
     """Record the states of a log up to a line."""
     stream = LogStream(path)
     with suppress(BadInput):
-        follow(stream, late_ms, [states], events=takewhile(lambda e: e[0] <= last, stream))
+        Check(stream, late_ms, [states]).read(takewhile(lambda e: e[0] <= last, stream))
 
 
 def _unpromised(log: Log) -> Log:

@@ -21,7 +21,7 @@ from automcm_spec.log_format.log import RECORD, PlainTimer
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Deadline
 from automcm_traces.checker.finding import Supposition
-from automcm_traces.checker.possible_states import _covers, _merge, _Supposing
+from automcm_traces.checker.possible_states import _merge, _Supposing
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
 
@@ -324,7 +324,7 @@ def test_a_station_that_may_do_more_and_supposes_no_more_stands_for_another(
     a: Any, b: Any, covers: bool
 ) -> None:
     one, other = (one_station(*supposed, last=last) for supposed, last in (a, b))
-    assert _covers(one, other) is covers
+    assert one.covers(other) is covers
 
 
 def test_of_two_stations_that_differ_in_times_one_remains_that_may_be_either() -> None:
