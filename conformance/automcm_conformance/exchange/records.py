@@ -176,8 +176,7 @@ def _write_log(path: Path, case: str, steps: Sequence[Step], hello: HelloAnswer)
                     expired = _timer(effects.expired)
                     log.event("timer", step.now, op="expire", timer=expired, **more)
                 else:
-                    given = {n: command.get(n) for n in ("message", "planned", "command")}
-                    log.event(command["cmd"], step.now, **given, **more)
+                    log.event(command["cmd"], step.now, **given(command), **more)
                 send(islice(messages, effects.messages))
                 for timer in effects.stopped:
                     log.event("timer", step.now, op="stop", timer=_timer(timer))
@@ -210,6 +209,11 @@ def log_of(folder: Path, case: str, steps: Sequence[Step], hello: HelloAnswer) -
 def bare(indication: Object) -> Object:
     """An indication with only the fields of the protocol; a log may be unable to hold others."""
     return {name: indication[name] for name in ("name", *INDICATIONS[indication["name"]])}
+
+
+def given(command: Object) -> Object:
+    """What a command gives the station, as the log of its input has it; None for what it lacks."""
+    return {name: command.get(name) for name in ("message", "planned", "command")}
 
 
 def _send(

@@ -185,11 +185,12 @@ class LiveRun:
             live.play(case.script, case.lease_ms)
         except Failed as failed:
             verdict: Verdict = "FAIL" if failed.kind == "unexpected" else "INCONC"
-            overdue = failed.kind == "overdue"
-            judged = self._timing(case, str(failed)) if overdue else (verdict, str(failed))
+            reason = str(failed)
+            if failed.kind == "overdue":
+                verdict, reason = self._timing(case, reason)
             self.unsettled.update(x.wire.values.ids.values())
             self.stuck = None if self._settled(live) else live
-            return judged
+            return verdict, reason
         return "PASS", ""
 
     def _settled(self, live: Live) -> bool:

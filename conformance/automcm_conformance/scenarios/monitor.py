@@ -16,7 +16,7 @@ from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answe
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.answers import are_marks
 from automcm_conformance.exchange.armed_timers import ArmedTimers, Running
-from automcm_conformance.exchange.records import bare
+from automcm_conformance.exchange.records import bare, given
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
 from automcm_spec.log_format.log import (
@@ -168,8 +168,7 @@ class Monitor:
         if raw is not None:
             self._malformed(now, tx, raw)
         elif kind in ("receive", "command", "restart"):
-            given = {n: command.get(n) for n in ("message", "planned", "command")}
-            self._input(now, kind, tx=tx, **given)
+            self._input(now, kind, tx=tx, **given(command))
         self._log_unexpected(now)
         self._engine.finish()
         for cam in self._answer.cams:

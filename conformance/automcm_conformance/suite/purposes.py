@@ -55,7 +55,7 @@ from automcm_spec.vocabulary.station import (
 )
 
 Features = tuple[Any, ...]
-Values = Annotated[frozenset[Any], BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
+Wanted = Annotated[frozenset[Any], BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
 """In the file, one value is a list of one."""
 PATH = SUITE / "purposes.toml"
 
@@ -79,7 +79,7 @@ class Purpose(BaseModel, frozen=True, extra="forbid"):
     then: str
     bug: str
     cost: str
-    select: dict[str, Values] | None = None
+    select: dict[str, Wanted] | None = None
     """The matching values of each field."""
     case: str = ""
     """The name of a case that no pair of the graph carries; empty with ``select``."""

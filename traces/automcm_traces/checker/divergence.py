@@ -18,7 +18,15 @@ from automcm_spec.vocabulary.rules import RULES, handler, kind
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
-from automcm_traces.checker.track import NO_INDICATION, NUMBERED, PHASES, ROLES, Track, short
+from automcm_traces.checker.track import (
+    NO_INDICATION,
+    NUMBERED,
+    PHASES,
+    ROLES,
+    Limits,
+    Track,
+    short,
+)
 
 Action = tuple[str, ...]
 """An effect or state of a station: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
@@ -97,7 +105,7 @@ class Block:
 
 @lru_cache(maxsize=4096)  # the tries of ``trace shrink`` diverge in equal states
 def _smallest_block(
-    limits: tuple[int, ...], me: int, st: State, i: Input, wanted: Action, most: int
+    limits: Limits, me: int, st: State, i: Input, wanted: Action, most: int
 ) -> Block | None:
     """The smallest set of guards that block the wanted action.
 

@@ -222,7 +222,7 @@ class Engine:
             self.observer(step, self.track)
 
     def _lift(self, step: InputStep) -> None:
-        if not step.changes and not step.sent:
+        if not step.moves:
             return
         if self._shares_track:
             self.track, self._shares_track = self.track.copy(), False

@@ -62,7 +62,7 @@ class _Supposing(Engine):
             self.supposed = (*self.supposed, Supposition(what, after, at))
             self.restarts += what == "restart"
 
-    def kind(self) -> tuple[object, ...]:
+    def key(self) -> tuple[object, ...]:
         """A value that distinguishes possible states, except for their times."""
         step = self.step
         calls: tuple[object, ...] = ()
@@ -271,7 +271,7 @@ class _Search:
 
     def _is_new(self, engine: _Supposing) -> bool:
         """Whether no state seen so far covers this one; records it if so."""
-        alike = self._seen.setdefault(engine.kind(), [])
+        alike = self._seen.setdefault(engine.key(), [])
         if any(other.covers(engine) for other in alike):
             return False
         alike.append(engine)
@@ -286,7 +286,7 @@ def _lasts(a: Deadline, b: Deadline) -> bool:
 
 def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) -> None:
     """Add a state; one that differs only in times is merged into the existing one."""
-    other = engines.setdefault(engine.kind(), engine)
+    other = engines.setdefault(engine.key(), engine)
     if other is engine:
         return
     other.since_ms = min(other.since_ms, engine.since_ms)

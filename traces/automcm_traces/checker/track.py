@@ -399,6 +399,11 @@ class InputStep:
     sent: list[tuple[Expected, Message]] = field(default_factory=list)
 
     @property
+    def moves(self) -> bool:
+        """Whether the state or a timer changes, or messages were sent."""
+        return self.changes or bool(self.sent)
+
+    @property
     def guard(self) -> str:
         """The rule, its meaning, and its location in Station.tla."""
         rule = self.rule

@@ -81,7 +81,7 @@ class OwnSessions(Watcher):
 
     def step(self, step: InputStep, track: Track) -> None:
         """Update the sessions after a step."""
-        if not step.changes and not step.sent:
+        if not step.moves:
             return
         current = self.kept[-1] if self.kept and not self.kept[-1].last else None
         if current is not None and current.session != track.session:

@@ -88,8 +88,9 @@ def forged_receptions(merged: Merged) -> dict[str, Finding]:
         (at, e), file = merged.logs[i].events[k], merged.logs[i].file
         if isinstance(e, Receive) and e.tx is not None and file not in found:
             m, original = e.message or {}, sent.get(e.tx)
-            why = "that transmission was another message"
-            why = why if original else "its sender did not send it"
+            why = "its sender did not send it"
+            if original:
+                why = "that transmission was another message"
             received = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
             text = f"{received}: forged, {why}"
             differ = tuple(_differences(original, m)) if original else ()

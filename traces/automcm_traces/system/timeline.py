@@ -155,7 +155,7 @@ class Recorder(Watcher):
         self._known = self._input, step.at, step.t_ms
         if step.input.kind == "cam" and not step.changes:
             return
-        if step.changes or step.sent:
+        if step.moves:
             kept = {id(e) for e in t.outbox}
             gone = [e for e in self._outbox if id(e) not in kept]
             self._outbox, self._own = list(t.outbox), _own(t.state)

@@ -12,7 +12,6 @@ from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import GRAMMAR
 from automcm_maintenance.code_mutation.source_mutants import (
     REFERENCE,
-    SPECIFICATION,
     SourceMutant,
     path_of,
 )
@@ -32,13 +31,11 @@ WALKS = (
 WALK = "accepted_forms", "equivalence", "lockstep", "mutated_process", "station_behaviour"
 FILES = (
     *(Path(__file__).with_name(f"{name}.py") for name in WALK),
+    Path(__file__).parents[1] / "verify" / "spec_mapping.py",
     *sorted(path_of("messages").parent.glob("*.py")),
     Path(oracle.__file__),
 )
 """What a comparison depends on, besides the reference and the graphs."""
-TOOLS = Path(__file__).parents[1]
-ANSWERED_BY = REFERENCE, SPECIFICATION, TOOLS, *(graph.path for graph in GRAPHS.values())
-"""What the reference's answers depend on."""
 SECONDS = 7_200
 """Limit of real time for one walk."""
 
@@ -55,7 +52,8 @@ def first_difference(
     ``source`` is the file of the mutated module; ``folder`` keeps the reference's answers.  Raises
     EquivalenceError, OSError.
     """
-    key = kept_stages.key(ROOT, *(str(path.relative_to(ROOT)) for path in ANSWERED_BY))
+    of = REFERENCE, *FILES, *(graph.path for graph in GRAPHS.values())
+    key = kept_stages.key(ROOT, *(str(path.relative_to(ROOT)) for path in of))
     folder.mkdir(parents=True, exist_ok=True)
     for graph, variant in walks:
         if graph == "forms" and mutant.module not in GRAMMAR:
