@@ -53,7 +53,7 @@ def explain(
     logs = files_of("explain", logs)
     several = len(logs) > 1
     with uncollected():
-        found = [explain_.judged_log(log, late, keep=several) for log in logs]
+        found = explain_.judged_logs(logs, late)
         if several:
             verdicts, system = explain_.verdicts_together(found)
         else:

@@ -7,6 +7,7 @@ log, and the deadline is compared with them.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -21,12 +22,12 @@ from automcm_conformance.exchange.results import Line
 from automcm_conformance.exchange.wire import encode
 from automcm_spec.log_format.log import (
     EVENT_KINDS,
-    RECORD,
     Event,
     ForgetTimer,
     MessageTimer,
     Timer,
     TimerEnd,
+    record,
 )
 from automcm_spec.log_format.problems import not_plain
 from automcm_spec.log_format.reader import read
@@ -271,9 +272,8 @@ class Monitor:
             observed["timer"] = observed["timer"].model_dump(exclude_none=True)
         seq = self._log.event(ev, now, **observed)
         self._at = seq + 1
-        record = {"rec": "event", "seq": seq, "t_ms": now, "ev": ev, **observed}
-        event = cast(Event, RECORD.validate_python(record))
-        self._engine.feed(self._at, event)
+        fields = {"rec": "event", "seq": seq, "t_ms": now, "ev": ev, **observed}
+        self._engine.feed(self._at, cast(Event, record(json.dumps(fields).encode())))
 
     # -- comparisons after the step
 
@@ -298,9 +298,7 @@ class Monitor:
         """The step of this timer's expiry, which the station missed or set too late."""
         engine = self._engine.copy()
         timer, t_ms = running.timer, running.deadline
-        event = TimerEnd.model_construct(
-            rec="event", seq=self._at, t_ms=t_ms, ev="timer", op="expire", timer=timer
-        )
+        event = TimerEnd(rec="event", seq=self._at, t_ms=t_ms, ev="timer", op="expire", timer=timer)
         engine.feed(self._at, event)
         return engine.step
 

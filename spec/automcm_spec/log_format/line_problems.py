@@ -5,20 +5,16 @@ The reader names one null or float, which hides other errors from the models; he
 
 from __future__ import annotations
 
+import json
 import math
-from typing import Any, Final
+from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from automcm_spec.log_format.log import (
-    EVENT_KINDS,
-    RECORD,
-    UnknownEvent,
-)
+from automcm_spec.log_format.log import EVENT_KINDS, RECORD, UNKNOWN
 from automcm_spec.log_format.problems import join, problems_of, unfit
 
 Json = Any
-_UNKNOWN: Final = TypeAdapter(UnknownEvent)
 
 
 def line_problems(value: dict[str, Json]) -> list[tuple[str, str]]:
@@ -60,10 +56,7 @@ def _wrong(line: Json) -> list[tuple[str, str]]:
     ev = line.get("ev")
     unknown = line.get("rec") == "event" and isinstance(ev, str) and ev not in EVENT_KINDS
     try:
-        if unknown:
-            _UNKNOWN.validate_python(line)
-        else:
-            RECORD.validate_python(line)
+        (UNKNOWN if unknown else RECORD).validate_json(json.dumps(line))
     except ValidationError as error:
         return problems_of(error)
     return []

@@ -28,6 +28,7 @@ from pydantic import (
     create_model,
     model_validator,
 )
+from pydantic.dataclasses import dataclass
 from pydantic_core import SchemaValidator
 from typing_extensions import TypeAliasType
 
@@ -99,21 +100,22 @@ def transmission(tx: str) -> tuple[int, int]:
     return int(station), int(counter)
 
 
+def _without_vendor_fields(data: Any) -> Any:
+    if not isinstance(data, dict):
+        return data
+    if wrong := not_plain(data):
+        raise fault(*wrong)
+    return {key: value for key, value in data.items() if not key.startswith("x_")}
+
+
+_STRICT = ConfigDict(strict=True, extra="forbid", use_attribute_docstrings=True)
+
+
 class Part(BaseModel):
     """An object of the log: immutable, strict, without unknown fields except vendor fields."""
 
-    model_config = ConfigDict(
-        frozen=True, strict=True, extra="forbid", use_attribute_docstrings=True
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_vendor_fields(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        if wrong := not_plain(data):
-            raise fault(*wrong)
-        return {key: value for key, value in data.items() if not key.startswith("x_")}
+    model_config = _STRICT | ConfigDict(frozen=True)
+    _plain = model_validator(mode="before")(_without_vendor_fields)
 
 
 class Implementation(Part):
@@ -264,24 +266,20 @@ class Indication(Part):
     name: Name
 
 
-class EventBase(Part):
-    """The fields of every event."""
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
+class EventBase:
+    """The fields of every event. Its slots take half the memory of a model."""
 
+    _plain = model_validator(mode="before")(_without_vendor_fields)
     rec: Literal["event"]
-    seq: Positive
-    """1 for the first event, then increasing by one; the only order of events within a station."""
-    t_ms: Natural
-    """The time of the station's monotonic clock in milliseconds; never decreases."""
-    rule: Name | None = None
-    """The id of the deciding rule, according to the implementation: a hint that is never
-    trusted."""
-    phase: Name | None = None
-    """The station's phase after the step."""
-    role: Name | None = None
-    """The station's role after the step."""
-    late_ms: Positive | None = None
-    """The delay of the station in this step, in milliseconds of its own clock, because its process
-    was stopped or starved. A hint that is never trusted."""
+    seq: Annotated[Positive, Field(description="From 1 by one; the only order within a station.")]
+    t_ms: Annotated[Natural, Field(description="Monotonic time in milliseconds; never decreases.")]
+    rule: Annotated[Name | None, Field(description="The deciding rule: an untrusted hint.")] = None
+    phase: Annotated[Name | None, Field(description="The station's phase after the step.")] = None
+    role: Annotated[Name | None, Field(description="The station's role after the step.")] = None
+    late_ms: Annotated[
+        Positive | None, Field(description="The delay in ms: an untrusted hint.")
+    ] = None
 
     @property
     def is_cam(self) -> bool:
@@ -305,15 +303,17 @@ class EventBase(Part):
         return self.is_expiry or isinstance(self, Receive | ApplicationCommand | Restart)
 
 
+_ONE_FORM: dict[str, Any] = {
+    "oneOf": [{"required": ["message"]}, {"required": ["raw"]}],
+    "dependentRequired": {"rejected": ["raw"]},
+}
+
+
+@dataclass(
+    config=_STRICT | ConfigDict(json_schema_extra=_ONE_FORM), frozen=True, slots=True, kw_only=True
+)
 class Receive(EventBase):
     """A message was received, or bytes that are not a message."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [{"required": ["message"]}, {"required": ["raw"]}],
-            "dependentRequired": {"rejected": ["raw"]},
-        }
-    )
 
     ev: Literal["receive"]
     tx: Transmission | None = None
@@ -340,6 +340,7 @@ class Receive(EventBase):
         return self
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class Send(EventBase):
     """A message was passed to the link."""
 
@@ -349,6 +350,7 @@ class Send(EventBase):
     message: Message
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class TimerArm(EventBase):
     """A timer was armed or re-armed."""
 
@@ -359,6 +361,7 @@ class TimerArm(EventBase):
     """The time of its expiry, on the clock of `t_ms`."""
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class TimerEnd(EventBase):
     """A timer was stopped or expired."""
 
@@ -367,6 +370,7 @@ class TimerEnd(EventBase):
     timer: Timer
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class ApplicationCommand(EventBase):
     """The application gave a command."""
 
@@ -374,6 +378,7 @@ class ApplicationCommand(EventBase):
     command: Command
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class ApplicationIndication(EventBase):
     """The station gave its application an indication."""
 
@@ -381,6 +386,7 @@ class ApplicationIndication(EventBase):
     indication: Indication
 
 
+@dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
 class Restart(EventBase):
     """The station restarted without memory of its sessions."""
 
@@ -431,33 +437,28 @@ _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebui
 
 _FREE: Final = {ApplicationCommand: "command", ApplicationIndication: "indication"}
 """The parts of events that may have any field."""
-_GIVEN: Final = set[str]()
-"""Shared by all events. Pydantic's own set of given fields is never read, and takes a third of the
-memory of a log."""
 
 
 def record(line: bytes) -> Record:
     """One line, validated as by RECORD, in about half the time: only lines that may contain nulls
     or vendor fields, and lines that are rejected, are checked for these."""
-    if b"null" not in line:
-        try:
-            found: Record = _QUICK.validate_json(line)
-        except ValidationError:
-            return RECORD.validate_json(line)
-        object.__setattr__(found, "__pydantic_fields_set__", _GIVEN)
-        free = _FREE.get(type(found))
-        if free and any(key.startswith("x_") for key in getattr(found, free).model_extra or {}):
-            return RECORD.validate_json(line)
-        return found
-    return RECORD.validate_json(line)
+    try:
+        found: Record = _QUICK.validate_json(line)
+    except ValidationError:
+        return RECORD.validate_json(line)
+    free = _FREE.get(type(found))
+    vendor = free and [key for key in getattr(found, free).model_extra or () if key[:2] == "x_"]
+    return RECORD.validate_json(line) if vendor or b"null" in line else found
 
 
+@dataclass(config=_STRICT | ConfigDict(extra="ignore"), frozen=True, slots=True, kw_only=True)
 class UnknownEvent(EventBase):
     """An event of a kind that this version does not know; its other fields are ignored."""
 
-    model_config = ConfigDict(extra="ignore")
-
     ev: str
+
+
+UNKNOWN: Final = TypeAdapter(UnknownEvent)
 
 
 def unknown_event(error: ValidationError) -> bool:

@@ -98,7 +98,7 @@ def _problem(error: ErrorDetails) -> tuple[str, str]:
             return path, f"must be one of {context['expected_tags']}, not {context['tag']!r}"
         case "missing" | "union_tag_not_found":
             return path, f"missing: {_EXAMPLES[name]}" if name in _EXAMPLES else "missing"
-        case "extra_forbidden":
+        case "extra_forbidden" | "unexpected_keyword_argument":
             remedy = f": name it x_{name}, or omit it" if error["loc"][0] in _RECORDS else ""
             return path, f"unknown field{remedy}"
         case "int_type":

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from automcm_spec.log_format.growing_file import LineBuffer
 from automcm_spec.log_format.log import (
+    UNKNOWN,
     End,
     Event,
     Header,
@@ -256,7 +257,7 @@ def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
     if not unknown_event(refused):
         raise _json_error(refused, line, first) from None
     try:
-        return UnknownEvent.model_validate_json(line)
+        return UNKNOWN.validate_json(line)
     except ValidationError as error:
         raise _json_error(error, line, first) from None
 

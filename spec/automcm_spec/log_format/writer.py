@@ -132,7 +132,7 @@ def _line(fields: Mapping[str, object]) -> bytes:
         record = RECORD.validate_json(json.dumps(observed))
     except ValidationError as error:
         raise ValueError(": ".join(problems_of(error)[0])) from None
-    return _ordered(record.model_dump(by_alias=True, exclude_none=True))
+    return _ordered(RECORD.dump_python(record, by_alias=True, exclude_none=True))
 
 
 def _ordered(fields: Mapping[str, object]) -> bytes:

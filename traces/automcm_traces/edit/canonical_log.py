@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.log import RECORD, Event, Receive, Send
 from automcm_spec.log_format.reader import Log
 
 Json = Any
@@ -123,7 +123,7 @@ class Canonical:
                 self._seqs[session, seq] = place
 
     def _canonical_event(self, line: int, event: Event) -> CanonicalEvent:
-        fields = event.model_dump(by_alias=True, exclude_none=True)
+        fields = RECORD.dump_python(event, by_alias=True, exclude_none=True)
         for name in ("rec", "seq", "t_ms", "tx", "rule", "phase", "role"):
             fields.pop(name, None)
         deadline = fields.pop("deadline", None)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -183,11 +183,9 @@ def _retimed(items: Sequence[Item], left: set[int]) -> list[Item]:
 def _at(item: Item, shift: int) -> Item:
     if not shift:
         return item
-    fields = item.record | {"t_ms": item.record["t_ms"] + shift}
-    update = {"t_ms": fields["t_ms"]}
-    if "deadline" in fields:
-        fields["deadline"] = update["deadline"] = max(0, fields["deadline"] + shift)
-    return Item(item.line, item.event.model_copy(update=update), fields)
+    times = [name for name in ("t_ms", "deadline") if name in item.record]
+    moved = {name: max(0, item.record[name] + shift) for name in times}
+    return Item(item.line, replace(item.event, **moved), item.record | moved)
 
 
 def _numbers(records: Iterator[dict[str, Json]], station: int) -> Numbers:

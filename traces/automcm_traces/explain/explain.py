@@ -11,11 +11,14 @@ from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
+from pydantic_core import to_json
+
 from automcm_spec.log_format.event_text import starts
-from automcm_spec.log_format.log import Event, Header
+from automcm_spec.log_format.log import Event, Header, Receive, Send
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
+from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
@@ -271,6 +274,20 @@ def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[
         yield event
 
 
+def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[JudgedLog]:
+    """Read and check files; several are kept, and a message that they share only once."""
+    found: list[JudgedLog] = []
+    messages: dict[str, Fields] = {}
+    for path in paths:
+        found.append(judged_log(path, late_ms, len(paths) > 1))
+        for _, event in found[-1].log or ():
+            if isinstance(event, Receive | Send) and event.tx and event.message:
+                known = messages.setdefault(event.tx, event.message)
+                if known is not event.message and to_json(known) == to_json(event.message):
+                    object.__setattr__(event, "message", known)  # equal: nobody can tell
+    return found
+
+
 def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:
     """The verdict on the log in a file of any length."""
     return judged_log(path, late_ms, keep=False).verdict
@@ -279,14 +296,13 @@ def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:
 def verdicts_of(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file. With several files, received messages are compared with the sent
     ones."""
-    return verdicts([judged_log(path, late_ms, keep=len(paths) > 1) for path in paths])
+    return verdicts(judged_logs(paths, late_ms))
 
 
 def verdicts(found: Sequence[JudgedLog]) -> list[Verdict]:
     """The verdicts; of several logs, one that received a forged message before any other problem
     diverges."""
-    logs = _complete_logs(found)
-    return _with_forged(found, forged(logs) if logs else {})
+    return _with_forged(found, forged(_complete_logs(found)))
 
 
 def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], SystemReport]:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 from automcm_spec.log_format.log import (
     Event,
@@ -113,7 +114,7 @@ class Hints(Watcher):
         m = None if event is None else typed(event.message or {})
         if event is None or m is None or isinstance(m, list | Cam):
             return ""
-        concerned = track.received(event.model_copy(update={"planned": {}}), m).value
+        concerned = track.received(replace(event, planned={}), m).value
         outcome = Station(*track.limits).step(track.me, track.state, concerned)
         if not any(out.type == "Intention" for out in outcome.out):
             return ""
@@ -206,10 +207,10 @@ def _allowed(engine: Follower, after: Iterable[tuple[int, Event]], step_ms: int)
         trial.observer = None
     try:
         for at, event in after:
-            earlier: dict[str, object] = {"t_ms": event.t_ms - step_ms}
+            earlier: dict[str, Any] = {"t_ms": event.t_ms - step_ms}
             if isinstance(event, TimerArm):
                 earlier["deadline"] = event.deadline - step_ms
-            trial.feed(at, event.model_copy(update=earlier))
+            trial.feed(at, replace(event, **earlier))
     except Diverges:
         return False
     except CannotTell:

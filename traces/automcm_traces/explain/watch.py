@@ -132,7 +132,7 @@ class Watch:
             log.finish()
         reports += self._over()
         if len(self._paths) > 1:
-            found = [explain.judged_log(path, self._late_ms) for path in self._paths]
+            found = explain.judged_logs(list(self._paths), self._late_ms)
             self._together = explain.verdicts_together(found)[1]
             text = self._together.text(self._start_ms)
             reports.append(WatchReport("together", text, self._together.as_dict()))

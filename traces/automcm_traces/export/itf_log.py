@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
+from automcm_spec.log_format.log import RECORD
 from automcm_spec.log_format.reader import Log
 from automcm_spec.model_checking import models
 from automcm_spec.model_checking.tla_values import Record
@@ -229,7 +230,7 @@ class _Steps(Watcher):
         self.states = [itf.ItfState(_values(Track(log.header.station)))]
 
     def step(self, step: InputStep, track: Track) -> None:
-        event = {} if step.event is None else step.event.model_dump(mode="json", exclude_none=True)
+        event = RECORD.dump_python(step.event, mode="json", exclude_none=True) if step.event else {}
         shown = ("message", "planned", "command", "timer", "raw")
         meta: dict[str, object] = {
             "action": handler(step.input),

@@ -32,6 +32,8 @@ class Merged:
     stations: list[int]
     """The stations of the logs, in order."""
     clocks: Clocks
+    nodes: list[list[Node]]
+    """For each log, the nodes of its events."""
     arrows: dict[Node, tuple[Arrow, ...]] = field(default_factory=dict)
     """The messages that arrive at an event, or leave there and arrive nowhere."""
     forged: dict[Node, str] = field(default_factory=dict)
@@ -69,8 +71,7 @@ class Merged:
 
     def feed(self, i: int) -> Iterator[Head[Node]]:
         """The events of a log, as ``Ordered`` takes them."""
-        for k, (_, event) in enumerate(self.logs[i].events):
-            node = i, k
+        for node, (_, event) in zip(self.nodes[i], self.logs[i].events, strict=True):
             yield head(node, node, event, self.arrows.get(node, ()))
 
     def _known(self, node: Node) -> tuple[int, ...]:
@@ -127,7 +128,8 @@ def merge(logs: Sequence[Log]) -> Merged:
                 "give one log per station"
             )
     matches = Matches([Ledger.of(log) for log in inputs])
-    merged = Merged(inputs, matches.stations, matches.clocks)
+    nodes = [[(i, k) for k in range(len(log.events))] for i, log in enumerate(inputs)]
+    merged = Merged(inputs, matches.stations, matches.clocks, nodes)
     merged.notices += _repeated(merged)
     if matches.guessed:
         merged.notices.append(
@@ -135,10 +137,10 @@ def merge(logs: Sequence[Log]) -> Merged:
             "content, so of equal copies the latest that was sent before counts as received"
         )
     fates = Fates(matches)
-    for i, log in enumerate(inputs):
-        for k, (_, event) in enumerate(log.events):
-            if arrows := fates.arrows((i, k), event):
-                merged.arrows[i, k] = arrows
+    for own, log in zip(nodes, inputs, strict=True):
+        for node, (_, event) in zip(own, log.events, strict=True):
+            if arrows := fates.arrows(node, event):
+                merged.arrows[node] = arrows
     merged.forged = fates.forged
     merged._line_up(matches)
     return merged

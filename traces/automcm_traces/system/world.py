@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import islice, takewhile
+from itertools import takewhile
 
 from automcm_spec.log_format.log import ApplicationIndication, Receive, Send
 from automcm_spec.log_format.reader import Log
@@ -139,7 +139,8 @@ class World:
         """The indications at a moment, such as ``, told fallback(cam_loss)``; empty if there are
         none."""
         names = []
-        events = (event for _, event in islice(self.log(station).events, m.at + 1, None))
+        of_log = self.log(station).events
+        events = (of_log[at][1] for at in range(m.at + 1, len(of_log)))
         for event in takewhile(lambda e: not (e.is_input or e.is_cam), events):
             if isinstance(event, ApplicationIndication):
                 reason = (event.indication.model_extra or {}).get("reason")

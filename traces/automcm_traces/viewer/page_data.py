@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from automcm_spec.log_format.event_text import session_of, summary
-from automcm_spec.log_format.log import Event, Header, Receive, TimerArm
+from automcm_spec.log_format.log import RECORD, Event, Receive, TimerArm
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
@@ -251,8 +252,7 @@ def _rows(
     return columns | {"kinds": "".join(kinds), "texts": texts.values, "bodies": bodies.values}
 
 
-def _plain(record: Header | Event) -> dict[str, Json]:
-    return record.model_dump(mode="json", by_alias=True, exclude_none=True)
+_plain = partial(RECORD.dump_python, mode="json", by_alias=True, exclude_none=True)
 
 
 def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:

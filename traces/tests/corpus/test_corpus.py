@@ -10,7 +10,7 @@ import pytest
 
 from automcm_maintenance.corpus.corpus import COVERAGE, CorpusEntry, index, index_text
 from automcm_maintenance.corpus.corpus_walks import transition
-from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.log import RECORD, Receive, Send
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary import station as spec
@@ -104,7 +104,7 @@ def transitions(path: Path) -> set[str]:
 
     def step(done: InputStep, track: Track) -> None:
         nonlocal before
-        event = events[done.at].model_dump(exclude_none=True)
+        event = RECORD.dump_python(events[done.at], exclude_none=True)
         i = renumbering.input_of(given(event, sent), of_model)
         found.add(transition(me // 1001, before, i).digest)
         before = renumbering.state(track.state, of_model)

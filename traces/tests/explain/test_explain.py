@@ -13,14 +13,14 @@ from merged_runs import simulated
 
 from automcm.links.simulated_radio import Radio
 from automcm_spec.log_format import reader
-from automcm_spec.log_format.log import Event
+from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import (
     exit_code,
     explain,
-    judged_log,
+    judged_logs,
     verdict_of,
     verdicts_of,
     verdicts_together,
@@ -68,15 +68,22 @@ def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.Monke
     monkeypatch.setattr(reader, "parse", parse)
     monkeypatch.setattr(Engine, "feed", feed)
     paths = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
-    for way in (
-        lambda: verdicts_together([judged_log(path) for path in paths]),
-        lambda: load(paths),
-    ):
+    for way in (lambda: verdicts_together(judged_logs(paths)), lambda: load(paths)):
         way()
         assert len(read_) > 200 and set(read_.values()) == {1}
         assert len(fed) > 200 and set(fed.values()) == {1}
         read_.clear()
         fed.clear()
+
+
+def test_logs_of_one_run_keep_equal_messages_once(logs: list[Path], tmp_path: Path) -> None:
+    line = find(logs[1], "receive", type="CAM", src=1001)
+    odd = edited(logs[1], tmp_path, lambda log: log.at(line)["message"].update(v=True))
+    one, other = (dict(found.log or ()) for found in judged_logs([logs[0], odd]))
+    sent = {e.tx: e.message for e in one.values() if isinstance(e, Send)}
+    received = [e for e in other.values() if isinstance(e, Receive) and e.tx in sent]
+    alike = [e.message is sent[e.tx or ""] for e in received]
+    assert len(alike) > 50 and alike.count(False) == 1
 
 
 def test_msg_1_stations_that_overhear_everything_are_allowed(
@@ -122,22 +129,18 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     number = find(logs[2], "receive", type="Prescription")
     wrong = edited(logs[2], tmp_path, lambda log: log.at(number)["message"].update(v=2))
     why = f"; the message of line {number} is malformed (v: must be at most 1)"
-    verdict = explain(read(wrong))
-    assert (verdict.finding.at.line, verdict.finding.observed) == (
-        number,
-        f"phase NEGOTIATING{why}",
-    )
+    found = explain(read(wrong)).finding
+    assert (found.at.line, found.observed) == (number, f"phase NEGOTIATING{why}")
     wrong.write_text(wrong.read_text().replace(',"phase":"NEGOTIATING","role":"receiver"', ""))
-    verdict = explain(read(wrong))
-    assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
-    assert verdict.finding.observed == f"send Ack to 1001: no input calls for it{why}"
+    found = explain(read(wrong)).finding
+    assert (found.at.line, found.rule) == (number + 1, "END-5")
+    assert found.observed == f"send Ack to 1001: no input calls for it{why}"
 
 
 def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> None:
     """The same transmission ids in another run are other transmissions."""
     other = tmp_path / "other.ndjson"
-    text_ = four_stations(tmp_path, 4)[0].read_text()
-    other.write_text(text_)
+    other.write_text(four_stations(tmp_path, 4)[0].read_text())
     assert {v.verdict for v in verdicts_of([*logs[1:], other])} == {"allowed"}
 
 
