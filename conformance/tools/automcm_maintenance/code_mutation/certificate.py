@@ -39,6 +39,7 @@ from automcm_maintenance.code_mutation.source_mutants import (
 )
 from automcm_spec.graph.oracle_generation import spec_hash
 from automcm_spec.support import scratch
+from automcm_traces import checker, system
 
 Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
@@ -267,8 +268,8 @@ def suite_hash(asked: CertificateRun) -> str:
     of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors} {asked.walks}"
     of += f" {[part.name for part in fields(MutantRow)]}"
     found = hashlib.sha256((of + " quick" * asked.quick).encode())
-    kit = Path(automcm_conformance.__path__[0])
-    folders = kit, REFERENCE, SPECIFICATION, SUITE, cpp_station.SOURCE, faults.CATALOGUES
+    judges = (Path(judge.__path__[0]) for judge in (automcm_conformance, checker, system))
+    folders = *judges, REFERENCE, SPECIFICATION, SUITE, cpp_station.SOURCE, faults.CATALOGUES
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES):
             found.update(path.read_bytes())
