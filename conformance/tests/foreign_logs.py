@@ -14,11 +14,7 @@ from typing import Any
 
 from automcm.links.simulated_radio import Channel
 from automcm_maintenance.code_mutation import faults
-from automcm_maintenance.code_mutation.cpp_station import (
-    SECONDS,
-    SOURCE,
-    build_mutant,
-)
+from automcm_maintenance.code_mutation.cpp_station import SECONDS, SOURCE, build_mutant
 from automcm_maintenance.code_mutation.faults import Fault
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight

@@ -15,9 +15,7 @@ from typing import Any
 
 from tlc_module import TooLarge, Translation, limits, module
 
-from automcm_spec.log_format.log import (
-    Event,
-)
+from automcm_spec.log_format.log import Event
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch

@@ -11,21 +11,12 @@ from typing import Any
 
 import pytest
 
-from automcm_maintenance.code_mutation import (
-    certificate,
-    certificate_page,
-    equivalence,
-    lockstep,
-)
+from automcm_maintenance.code_mutation import certificate, certificate_page, equivalence, lockstep
 from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
 from automcm_maintenance.code_mutation.faults import Edit
 from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT, full_name
-from automcm_maintenance.code_mutation.source_mutants import (
-    Generated,
-    SourceMutant,
-    path_of,
-)
+from automcm_maintenance.code_mutation.source_mutants import Generated, SourceMutant, path_of
 from automcm_maintenance.code_mutation.station_behaviour import VARIANTS, AnyState
 from automcm_spec.graph.oracle import load
 from automcm_spec.graph.oracle_generation import GRAPHS

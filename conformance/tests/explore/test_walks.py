@@ -10,14 +10,7 @@ from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.play import play
 from automcm_conformance.explore import explore
-from automcm_conformance.explore.walks import (
-    NOTHING,
-    Act,
-    Faults,
-    Setting,
-    WalkCoverage,
-    perform,
-)
+from automcm_conformance.explore.walks import NOTHING, Act, Faults, Setting, WalkCoverage, perform
 from automcm_conformance.live.live import Unwritten
 from automcm_conformance.suite.graph_cases import PARAMETERS, Runner
 from automcm_conformance.suite.scripts import (

@@ -14,16 +14,7 @@ import pytest
 from cli_stage import automcm
 from cose_maker import cbor
 from cryptography.hazmat.primitives.asymmetric import ec
-from secured_maker import (
-    AUTHORITY,
-    DAY,
-    FIN,
-    NINE,
-    NOW,
-    NOW_S,
-    revocations,
-    seal,
-)
+from secured_maker import AUTHORITY, DAY, FIN, NINE, NOW, NOW_S, revocations, seal
 from secured_vectors import TABLES, text
 
 from automcm.security import certificates, envelope

@@ -25,12 +25,7 @@ from automcm.applications.vehicle import LANE_WIDTH, STRAIGHT, Driving, Vehicle,
 from automcm.service.application import Advertised, Choice, Heard
 from automcm_simulation.road.drive import SimulatedDrive
 from automcm_simulation.road.occupancy_sweep import KINDS, bends, drive, sight
-from automcm_simulation.road.sweep_drivers import (
-    PERCEPTION,
-    Binder,
-    CamOnly,
-    WithoutLengths,
-)
+from automcm_simulation.road.sweep_drivers import PERCEPTION, Binder, CamOnly, WithoutLengths
 from automcm_spec.vocabulary.messages import Trajectory
 
 OWN = Seen(x=0.0, y=-LANE_WIDTH, vx=10.0)

@@ -14,11 +14,7 @@ from automcm.applications.ramp_merge import Merge, Ramp
 from automcm.applications.vehicle import LANE_WIDTH, Vehicle
 from automcm.service.application import heard_by
 from automcm_simulation.road.drive import SimulatedDrive
-from automcm_simulation.road.occupancy_sweep import (
-    CamOnly,
-    DoesNotSlow,
-    sight,
-)
+from automcm_simulation.road.occupancy_sweep import CamOnly, DoesNotSlow, sight
 
 
 class Silent(CamOnly, Merge):

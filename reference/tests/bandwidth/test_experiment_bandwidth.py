@@ -18,11 +18,7 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
 )
 from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_simulation.road.drive import FourVehicles
-from automcm_spec.vocabulary.messages import (
-    Cam,
-    Prescription,
-    Trajectory,
-)
+from automcm_spec.vocabulary.messages import Cam, Prescription, Trajectory
 
 
 @pytest.fixture(scope="module")

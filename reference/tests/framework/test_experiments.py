@@ -10,10 +10,7 @@ import pytest
 from fixed_cells import committed
 
 from automcm_evaluation.framework import experiment
-from automcm_evaluation.framework.experiment import (
-    Experiment,
-    ExperimentSettings,
-)
+from automcm_evaluation.framework.experiment import Experiment, ExperimentSettings
 from automcm_evaluation.framework.intervals import quantile, wilson
 from automcm_evaluation.sweeps import catalogue, report, sweep
 

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from test_trajectory_cases import (
-    BAD,
-    moved,
-    numbers,
-    paths,
-    raises,
-    sampled,
-    trajectories,
-)
+from test_trajectory_cases import BAD, moved, numbers, paths, raises, sampled, trajectories
 
 from automcm.kernels import collide
 from automcm.kernels.trajectory import Trajectory

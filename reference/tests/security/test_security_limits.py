@@ -8,15 +8,7 @@ from __future__ import annotations
 from unittest.mock import patch
 
 from automcm_stage import cam, fin
-from security_stage import (
-    AUTHORITY,
-    NOW,
-    credentials,
-    key,
-    knowing,
-    seal,
-    verdicts,
-)
+from security_stage import AUTHORITY, NOW, credentials, key, knowing, seal, verdicts
 
 from automcm.encoding.codec import JSON
 from automcm.security import certificates, cose, envelope, verifier

@@ -6,17 +6,7 @@ quickly and takes no fixture.
 
 from __future__ import annotations
 
-from automcm_stage import (
-    ack,
-    advertisement,
-    cam,
-    cancel,
-    fin,
-    intention,
-    no,
-    prescription,
-    yes,
-)
+from automcm_stage import ack, advertisement, cam, cancel, fin, intention, no, prescription, yes
 from security_stage import (
     AUTHORITY,
     DAY,

@@ -20,13 +20,7 @@ from automcm_simulation.road.straight_lane import LANE_CHANGE, Straight
 from automcm_spec.log_format.reader import read
 from automcm_spec.log_format.writer import LogWriter
 from automcm_spec.vocabulary.application import Abort, Request
-from automcm_spec.vocabulary.messages import (
-    MAX_BYTES,
-    Advertisement,
-    Fin,
-    Trajectory,
-    encode,
-)
+from automcm_spec.vocabulary.messages import MAX_BYTES, Advertisement, Fin, Trajectory, encode
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.explain.explain import verdict_of
 

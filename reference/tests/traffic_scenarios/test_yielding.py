@@ -20,11 +20,7 @@ from automcm_simulation.traffic_scenarios.intersection_traffic import (
     LeftTurn,
 )
 from automcm_simulation.traffic_scenarios.traffic_run import TrafficRun
-from automcm_simulation.traffic_scenarios.yielding import (
-    PATIENCE_MS,
-    Yielding,
-    arriving,
-)
+from automcm_simulation.traffic_scenarios.yielding import PATIENCE_MS, Yielding, arriving
 from automcm_spec.vocabulary import messages
 from automcm_traces.explain.explain import verdicts_of
 

@@ -35,7 +35,7 @@ def test_every_input_makes_the_results_stale(
         assert (repository.ROOT / part).exists()
     monkeypatch.setattr(mutant_results, "ROOT", tmp_path)
     for part in mutant_results.INPUTS:
-        mutant_results.write([KILLED], tmp_path / "results.json")
+        mutant_results.write("", [KILLED], tmp_path / "results.json")
         found = mutant_results.load(tmp_path / "results.json")
         assert found.mutants == [KILLED] and not found.stale and "*Stale*" not in found.summary
         changed = tmp_path / part
@@ -44,8 +44,10 @@ def test_every_input_makes_the_results_stale(
 
 
 def test_only_a_property_kills_and_the_rest_is_apart() -> None:
-    found = mutant_results.MutationResults(inputs="", mutants=[KILLED, SEEN, ALIVE])
-    text = "Of 3 mutants of Station and System, a property kills 1 (33.3%). Of the other 2, "
+    rows = [KILLED, SEEN, ALIVE]
+    found = mutant_results.MutationResults(inputs="", run="quick run of 3 of 9", mutants=rows)
+    assert "Of 3 mutants of Station and System (quick run of 3 of 9), a property" in found.summary
+    text = "a property kills 1 (33.3%). Of the other 2, "
     assert text + "1 show another difference, which is no kill (1 graph), and 1" in found.summary
     assert mutant_results.by_kind(found.mutants)["guard"] == [2, 1, 0, 1, 0, 0, 0, 0]
     killed = mutant_results.by_property(found.mutants)

@@ -93,8 +93,7 @@ def test_a_negated_list_of_conjuncts_keeps_its_columns(folder: Path) -> None:
     [
         ["--profile", "huge"],
         ["--only", "Nobody.At.All"],
-        ["--write", "--profile", "deep", "--only", "OnAck"],
-        ["--write"],
+        ["--write", "--only", "OnAck"],
         ["--limit", "-1"],
     ],
 )

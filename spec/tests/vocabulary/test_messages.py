@@ -8,17 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from automcm_stage import (
-    ack,
-    advertisement,
-    cam,
-    cancel,
-    fin,
-    intention,
-    no,
-    prescription,
-    yes,
-)
+from automcm_stage import ack, advertisement, cam, cancel, fin, intention, no, prescription, yes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

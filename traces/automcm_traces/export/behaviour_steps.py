@@ -12,15 +12,7 @@ from dataclasses import dataclass, field
 
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
-from automcm_spec.vocabulary.station import (
-    Expire,
-    Input,
-    Message,
-    Outcome,
-    Receive,
-    State,
-    Timer,
-)
+from automcm_spec.vocabulary.station import Expire, Input, Message, Outcome, Receive, State, Timer
 from automcm_traces.checker.track import INITIAL, NO_INDICATION
 from automcm_traces.export.behaviour_effects import EffectQuery
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep, StepEffects, plain

@@ -12,12 +12,7 @@ from edits import Edited, edited
 from merged_runs import Run
 
 from automcm_spec.vocabulary.application import Abort
-from automcm_traces.explain.explain import (
-    Verdict,
-    text,
-    verdict_of,
-    verdicts_of,
-)
+from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus" / "four-vehicles"
 PRESCRIBER, TARGET = CORPUS / "1001.ndjson", CORPUS / "3003.ndjson"

@@ -13,17 +13,7 @@ from pathlib import Path
 
 import pytest
 from merged_runs import records, rewritten, simulated
-from page_rows import (
-    CORPUS,
-    FOUR,
-    Json,
-    column,
-    data_of,
-    events,
-    fives,
-    followed_by,
-    number,
-)
+from page_rows import CORPUS, FOUR, Json, column, data_of, events, fives, followed_by, number
 
 from automcm_spec.log_format.log import TimerArm
 from automcm_spec.log_format.reader import read

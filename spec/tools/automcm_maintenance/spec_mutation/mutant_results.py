@@ -52,9 +52,13 @@ class MutantResult(Frozen):
 
 
 class MutationResults(Frozen):
-    """inputs is the hash of INPUTS at the run; empty if it is not known."""
+    """inputs is the hash of INPUTS at the run; empty if it is not known.
+
+    run: its profile, and how many of the mutants it had. Only a deep one finds every property.
+    """
 
     inputs: str
+    run: str
     mutants: list[MutantResult]
 
     @property
@@ -70,7 +74,8 @@ class MutationResults(Frozen):
         modules = " and ".join(sorted({row.module for row in self.mutants}))
         apart = ", ".join(f"{hows[how]} {how}" for how in HOW if hows[how] and how != "property")
         return (
-            f"{f'*Stale*: {STALE}. ' if self.stale else ''}Of {total} mutants of {modules}, "
+            f"{f'*Stale*: {STALE}. ' if self.stale else ''}Of {total} mutants of {modules} "
+            f"({self.run}), "
             f"a property kills {killed} ({killed / max(1, total):.1%}). Of the other "
             f"{total - killed}, {total - killed - hows[NOTHING]} show another difference, which is "
             f"no kill ({apart or 'none'}), and {hows[NOTHING]} show none."
@@ -87,10 +92,10 @@ def load(path: Path = RESULTS) -> MutationResults:
     return MutationResults.model_validate_json(path.read_bytes())
 
 
-def write(rows: Sequence[MutantResult], path: Path = RESULTS) -> None:
+def write(run: str, rows: Sequence[MutantResult], path: Path = RESULTS) -> None:
     """Write the results of a run on the present inputs, one mutant a line."""
     lines = ",\n".join(json.dumps(row.model_dump(), ensure_ascii=False) for row in rows)
-    files.write(path, f'{{"inputs": "{present()}", "mutants": [\n{lines}\n]}}\n')
+    files.write(path, f'{{"inputs": "{present()}", "run": "{run}", "mutants": [\n{lines}\n]}}\n')
 
 
 def reasons(path: Path = REASONS) -> dict[str, str]:

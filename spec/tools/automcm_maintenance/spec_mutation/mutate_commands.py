@@ -78,9 +78,16 @@ def as_dict(report: MutationReport) -> dict[str, object]:
     }
 
 
+def about(report: MutationReport) -> str:
+    """The profile of a run, and how many of the mutants it had."""
+    return f"{report.profile} run of {report.selected} of {len(generate())}"
+
+
 def show(report: MutationReport, console: Console) -> None:
     """Print the figures, the survivors and the problems."""
-    results = mutant_results.MutationResults(inputs=mutant_results.present(), mutants=report.rows)
+    results = mutant_results.MutationResults(
+        inputs=mutant_results.present(), run=about(report), mutants=report.rows
+    )
     console.print(escape(results.summary), soft_wrap=True)
     for o in report.outcomes:
         if o.survived or o.invalid:

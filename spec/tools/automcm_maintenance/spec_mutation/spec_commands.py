@@ -62,9 +62,7 @@ def spec_mutate(
         bool, typer.Option("--list", help="List the mutants without running them.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Number of mutants to run in parallel.")] = 2,
-    write: Annotated[
-        bool, typer.Option(help="With --profile deep: write the results, for the site.")
-    ] = False,
+    write: Annotated[bool, typer.Option(help="Write the results, for the site.")] = False,
     json_: Json = None,
 ) -> None:
     """Run the models on mutants of the specification.
@@ -78,8 +76,8 @@ def spec_mutate(
 
     if profile not in mutate_commands.PROFILES:
         raise typer.BadParameter(unknown(profile, mutate_commands.PROFILES, "profile"))
-    if write and (only or profile != "deep"):
-        raise typer.BadParameter("--write needs --profile deep, and cannot be with --only")
+    if write and only:
+        raise typer.BadParameter("--write cannot be with --only")
     with code_3("mutate", *mutate_commands.FAULTS):
         mutants = mutate_commands.select(only, limit)
         if list_:
@@ -88,7 +86,7 @@ def spec_mutate(
         with progress() as notify:
             report = mutate_commands.run(profile, mutants, jobs, notify)
         if write and report.complete:
-            mutant_results.write(report.rows)
+            mutant_results.write(mutate_commands.about(report), report.rows)
     if write_json(json_, mutate_commands.as_dict(report)):
         mutate_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
