@@ -12,7 +12,12 @@ from typing import Any
 import pytest
 
 from automcm_maintenance.code_mutation import certificate, certificate_page, equivalence, lockstep
-from automcm_maintenance.code_mutation.certificate import CertificateRun, KillCertificate, MutantRow
+from automcm_maintenance.code_mutation.certificate import (
+    CertificateRun,
+    KillCertificate,
+    MutantRow,
+    suite_hash,
+)
 from automcm_maintenance.code_mutation.faults import Edit
 from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT, full_name
@@ -138,7 +143,9 @@ def test_the_page_is_made_of_the_certificate() -> None:
     survived.difference = difference
     asked = CertificateRun(Path(), seed=7)
     found = KillCertificate(asked, "ab" * 32, Generated([]), 2, [killed, survived])
-    text = certificate_page.markdown(json.loads(json.dumps(found.as_dict())))
+    made = json.loads(json.dumps({"inputs": suite_hash(asked)} | found.as_dict()))
+    text = certificate_page.markdown(made)
+    assert "*Stale*" not in text and "*Stale*" in certificate_page.markdown(made | {"seed": 8})
     assert "| timer | 1 | 1 | 0 | 0 | 0 | 0 |" in text
     assert "| class | mutants | ACT | REL |" in text and "| timer | 1 | 1 | 1 |" in text
     assert "`a \\| b  =>  a` | PRE/ACT/TI-01, STA/REL/TI-02 |" in text

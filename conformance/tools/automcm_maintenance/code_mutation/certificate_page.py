@@ -5,13 +5,21 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, get_args
 
-from automcm_maintenance.code_mutation.certificate import KillCertificate, MutantRow, Verdict
+from automcm_maintenance.code_mutation.certificate import (
+    CertificateRun,
+    KillCertificate,
+    MutantRow,
+    Verdict,
+    suite_hash,
+)
 from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
 from automcm_spec.support import files, templates
 
 RESULTS = ROOT / "conformance" / "certificate.json"
+STALE = "the kit, the reference, the specification or the log checker have changed since the run"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 MEANING = {
     "table": "a row of a table of rules or phases is dropped, changed or moved",
@@ -69,12 +77,25 @@ def _by_class(rows: Sequence[MutantRow]) -> list[tuple[str, list[MutantRow]]]:
 def write(found: KillCertificate) -> None:
     """Write the results that the page is built from, if the certificate is complete."""
     if found.complete:
-        text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False)
-        files.write(RESULTS, f"{text}\n")
+        made = {"inputs": suite_hash(found.asked)} | found.as_dict()
+        files.write(RESULTS, f"{json.dumps(made, indent=1, ensure_ascii=False)}\n")
+
+
+def load() -> dict[str, Any]:
+    """What ``write`` wrote.  Raises OSError, ValueError."""
+    found: dict[str, Any] = json.loads(RESULTS.read_bytes())
+    return found
+
+
+def stale(found: dict[str, Any]) -> bool:
+    """Whether what the verdicts depend on has changed since the run."""
+    selectors = tuple(found["selectors"])
+    asked = CertificateRun(Path(), found["seed"], found["cases"], selectors)
+    return bool(found["inputs"] != suite_hash(asked))
 
 
 def markdown(found: dict[str, Any]) -> str:
-    """The page of ``KillCertificate.as_dict()``."""
+    """The page of what ``write`` wrote."""
     made = [MutantRow.of(row) for row in found["mutants"]]
     classes = _by_class(made)
     groups = sorted({case.split("/")[2] for row in made for case in row.cases})
@@ -89,6 +110,7 @@ def markdown(found: dict[str, Any]) -> str:
     return templates.page(
         PAGES / "certificate.md.j2",
         found=found,
+        stale=STALE if stale(found) else "",
         cpp=sum(row.station == "cpp" for row in made),
         many="one failed case" if found["cases"] == 1 else f"{found['cases']} failed cases",
         counts=markdown_table(

@@ -43,9 +43,7 @@ def pages() -> dict[str, Callable[[], str]]:
     }
     commands = {name: partial(str, text) for name, text in _commands().items()}
     return {
-        "certificate.md": lambda: certificate_page.markdown(
-            json.loads(certificate_page.RESULTS.read_bytes())
-        ),
+        "certificate.md": lambda: certificate_page.markdown(certificate_page.load()),
         **commands,
         "corpus.md": partial(corpus.page, ROOT / "traces" / "corpus"),
         "faults.md": lambda: faults_page(json.loads(FAULTS.read_bytes())),

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from automcm_cli.spec import model_output
+from automcm_maintenance.code_mutation import certificate_page
 from automcm_maintenance.compilation import compiler
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_maintenance.documents.repository import ROOT
@@ -291,10 +292,17 @@ def _stages(report: VerifyReport, notify: Callable[[str], None]) -> None:
             raise
     with _errors(report):
         _of_models(report, data)
-        if mutant_results.load().stale:
-            report.mutants = (
-                f"{mutant_results.RESULTS.relative_to(ROOT)} is stale: {mutant_results.STALE}"
-            )
+        report.mutants = _stale_results()
+
+
+def _stale_results() -> str:
+    """Which committed results of mutants are stale, and why."""
+    found = []
+    if mutant_results.load().stale:
+        found.append((mutant_results.RESULTS, mutant_results.STALE))
+    if certificate_page.stale(certificate_page.load()):
+        found.append((certificate_page.RESULTS, certificate_page.STALE))
+    return "; ".join(f"{path.relative_to(ROOT)} is stale: {why}" for path, why in found)
 
 
 def _of_models(report: VerifyReport, one_peer: bytes | None) -> None:
