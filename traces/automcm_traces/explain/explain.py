@@ -275,7 +275,7 @@ def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[
 
 
 def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[JudgedLog]:
-    """Read and check files; several are kept, and a message that they share only once."""
+    """Read and check files. Several logs are kept, with equal messages in memory once."""
     found: list[JudgedLog] = []
     messages: dict[str, Fields] = {}
     for path in paths:
@@ -284,7 +284,7 @@ def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[Judge
             if isinstance(event, Receive | Send) and event.tx and event.message:
                 known = messages.setdefault(event.tx, event.message)
                 if known is not event.message and to_json(known) == to_json(event.message):
-                    object.__setattr__(event, "message", known)  # equal: nobody can tell
+                    object.__setattr__(event, "message", known)  # equal JSON
     return found
 
 
