@@ -8,7 +8,7 @@ from typing import Any
 from unittest.mock import patch
 
 from browser_pages import four
-from browser_stage import Browser
+from browser_stage import Browser, boxes
 from merged_runs import killed, records, rewritten, simulated
 from page_rows import CORPUS, FOUR
 
@@ -92,8 +92,7 @@ def a_hazard_is_a_band_over_both_stations(browser: Browser, folder: Path) -> Non
         (words,) = _words(page, "#svg .hazard-words")
         length, bound = hazard["length"]["ms"], hazard["bound_ms"]
         assert f"{length:,} " in words and words.endswith(f"{bound:,} ms"), words
-        bands = page.locator("#svg .hazard rect")
-        columns = [bands.nth(n).bounding_box() for n in range(bands.count())]
+        columns = boxes(page, "#svg .hazard rect")
         assert len(columns) == 2 and columns[0]["height"] == columns[1]["height"] > 10
         names = page.evaluate("HAZARDS[0].columns.map((n) => COLUMNS[n].station)")
         assert names == [hazard["prescriber"], hazard["target"]] == [1001, 2002]
@@ -101,7 +100,7 @@ def a_hazard_is_a_band_over_both_stations(browser: Browser, folder: Path) -> Non
         assert shown == [True, True], "also where timers are hidden"
         stops = page.locator("#svg .stops")
         assert stops.count() == 1 and "2002 stops here" in stops.text_content()
-        mark = stops.bounding_box()
+        (mark,) = boxes(page, "#svg .stops")
         assert columns[1]["x"] < mark["x"] < columns[1]["x"] + columns[1]["width"]
 
 
@@ -113,7 +112,7 @@ def a_missing_message_is_drawn_where_it_was_due(browser: Browser, folder: Path) 
             "getComputedStyle(document.querySelector('.arrow.due')).strokeDasharray"
             ".replace(/^[1-9].*/, 'dash')"
         )
-        ends = due.locator("line").bounding_box()
+        (ends,) = boxes(page, "#svg .arrow.due line")
         column = page.evaluate("[lifeline(0), lifeline(1)]")
         left = page.locator("#view").bounding_box()["x"]
         assert abs(ends["x"] - left - column[0]) < 8
@@ -136,11 +135,10 @@ def arrows_say_what_they_carry_where_there_is_room(browser: Browser, folder: Pat
     for width, some in ((1400, True), (390, False)):
         size = {"width": width, "height": 800}
         with browser.page(browser.write("labels", *FOUR), viewport=size) as page:
-            labels = page.locator("#svg .arrow .label")
-            boxes = [labels.nth(n).bounding_box() for n in range(labels.count())]
-            assert (len(boxes) > 8) == some, (width, len(boxes))
-            for n, a in enumerate(boxes):
-                for b in boxes[n + 1 :]:
+            labels = boxes(page, "#svg .arrow .label")
+            assert (len(labels) > 8) == some, (width, len(labels))
+            for n, a in enumerate(labels):
+                for b in labels[n + 1 :]:
                     apart = abs(a["y"] - b["y"]) >= 10
                     assert apart or a["x"] + a["width"] < b["x"] or b["x"] + b["width"] < a["x"]
             if some:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from browser_pages import four
-from browser_stage import Browser
+from browser_stage import Browser, boxes
 from merged_runs import simulated
 from page_rows import FOUR
 
@@ -61,7 +61,7 @@ def a_followed_message_dims_the_rest(browser: Browser, folder: Path) -> None:
         page.evaluate("draw()")
         assert page.locator("#svg .dimmed").count() == 0
         page.evaluate("select(now.shown[0])")
-        arrow = page.locator("#svg .arrow.delivered line").nth(3).bounding_box()
+        arrow = boxes(page, "#svg .arrow.delivered line")[3]
         page.mouse.click(arrow["x"] + arrow["width"] / 2, arrow["y"] + arrow["height"] / 2)
         assert page.get_attribute("#follow", "aria-pressed") == "true", "a click on an arrow"
 

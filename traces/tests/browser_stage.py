@@ -91,6 +91,16 @@ def two(browser: Browser, folder: Path) -> Path:
     return browser.write_two("two", a, b)
 
 
+def boxes(page: Any, selector: str) -> list[dict[str, float]]:
+    """Where what is drawn stands: drawn and read at once, because each frame may draw it anew."""
+    found: list[dict[str, float]] = page.evaluate(
+        "(selector) => { draw(); const all = [...document.querySelectorAll(selector)];"
+        " return all.map((one) => one.getBoundingClientRect().toJSON()); }",
+        selector,
+    )
+    return found
+
+
 def overlapping(boxes: list[list[float]]) -> list[tuple[list[float], list[float]]]:
     """Pairs of boxes (left, top, right, bottom) that share more than a pixel each way."""
     boxes = sorted(boxes, key=lambda box: box[1])

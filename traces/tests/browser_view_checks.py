@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from browser_pages import EPOCH_MS, LAST_MS, four
-from browser_stage import Browser, overlapping, two
+from browser_stage import Browser, boxes, overlapping, two
 from merged_runs import later, records, simulated
 from page_rows import FOUR
 
@@ -44,7 +44,7 @@ def times_are_64_bit_and_count_from_the_start(browser: Browser, folder: Path) ->
                 wanted = {step: events[step - 1]["t_ms"] - begun for step in shown}
                 assert len(shown) > 10 and shown == wanted, (by_ms, after)
                 assert not overlapping(page.evaluate(GUTTER_TEXTS)), (by_ms, after)
-                row = page.locator("#svg .row .mark").first.bounding_box()
+                row = boxes(page, "#svg .row .mark")[0]
                 right = max(box[2] for box in page.evaluate(GUTTER_TEXTS))
                 assert right < row["x"], "the times stand left of the first column"
                 assert page.evaluate("location.hash") == f"#step=20&cams=1{after}"
