@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic_core import to_json
 
 from automcm_spec.log_format.event_text import starts
-from automcm_spec.log_format.log import Event, Header, Receive, Send
+from automcm_spec.log_format.log import Event, Header, Receive, Send, Timer, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
@@ -254,9 +254,14 @@ class JudgedLog:
 
 
 def judged_log(
-    path: Path, late_ms: int | None = None, keep: bool = True, watchers: Sequence[Watcher] = ()
+    path: Path,
+    late_ms: int | None = None,
+    keep: bool = True,
+    watchers: Sequence[Watcher] = (),
+    messages: dict[str, Fields] | None = None,
 ) -> JudgedLog:
-    """Read and check a file; with ``keep``, keep its events and its timeline."""
+    """Read and check a file; with ``keep``, keep its events and its timeline, and take equal
+    messages from ``messages``: those of the logs before, by ``tx``."""
     try:
         stream = LogStream(path)
     except BadInput as error:
@@ -264,28 +269,30 @@ def judged_log(
     if not keep:
         return JudgedLog(path, explain(stream, late_ms, watchers))
     recorder, events = Recorder(stream), list[tuple[int, Event]]()
-    verdict = explain(stream, late_ms, [recorder, *watchers], _kept(stream, events))
+    kept = _kept(stream, events, {} if messages is None else messages)
+    verdict = explain(stream, late_ms, [recorder, *watchers], kept)
     return JudgedLog(path, verdict, stream.log(events), stream.complete, recorder.made)
 
 
-def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
-    for event in stream:
-        events.append(event)
-        yield event
+def _kept(
+    stream: LogStream, events: list[tuple[int, Event]], messages: dict[str, Fields]
+) -> Iterator[tuple[int, Event]]:
+    timers: dict[Timer, Timer] = {}
+    for line, event in stream:
+        if isinstance(event, Receive | Send) and event.tx and event.message:
+            known = messages.setdefault(event.tx, event.message)
+            if known is not event.message and to_json(known) == to_json(event.message):
+                object.__setattr__(event, "message", known)  # equal JSON
+        elif isinstance(event, TimerArm | TimerEnd):
+            object.__setattr__(event, "timer", timers.setdefault(event.timer, event.timer))
+        events.append((line, event))
+        yield line, event
 
 
 def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[JudgedLog]:
     """Read and check files. Several logs are kept, with equal messages in memory once."""
-    found: list[JudgedLog] = []
     messages: dict[str, Fields] = {}
-    for path in paths:
-        found.append(judged_log(path, late_ms, len(paths) > 1))
-        for _, event in found[-1].log or ():
-            if isinstance(event, Receive | Send) and event.tx and event.message:
-                known = messages.setdefault(event.tx, event.message)
-                if known is not event.message and to_json(known) == to_json(event.message):
-                    object.__setattr__(event, "message", known)  # equal JSON
-    return found
+    return [judged_log(path, late_ms, len(paths) > 1, (), messages) for path in paths]
 
 
 def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:

@@ -13,6 +13,7 @@ from typing import Any
 
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
+from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.checker.follow import Check
 from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, verdicts_together
 from automcm_traces.system.fates import ANYONE
@@ -104,7 +105,9 @@ def load(
         for path, span in lines.items():
             _until(path, span[-1], late_ms, states[path])
     else:
-        found = [judged_log(path, late_ms, part is None, [states[path]]) for path in paths]
+        messages: dict[str, Fields] = {}
+        keep = part is None
+        found = [judged_log(path, late_ms, keep, [states[path]], messages) for path in paths]
     if part is None:
         logs = [(one.path, one.log) for one in found if one.log is not None]
         refused = [one.refused for one in found if one.refused is not None]
