@@ -25,6 +25,8 @@ from automcm_spec.support.paths import TLA
 
 GRAPHS = (oracle_generation.TIGHT, oracle_generation.ONE_PEER)
 """The graphs that are compared for a mutant of Station that no property kills."""
+FIRST = ("completes", "restarts", "station_properties")
+"""These models run first: of a sample they kill 27 of the 28 mutants that four models kill."""
 TIMEOUTS = 2
 """After so many models that exceed their time, the others are not run."""
 
@@ -113,7 +115,7 @@ class _Run:
         tla: Path,
         kept: Path | None,
     ) -> None:
-        self.models = sorted(chosen, key=lambda m: (m.seconds, m.cfg))
+        self.models = sorted(chosen, key=lambda m: (m.cfg not in FIRST, m.seconds, m.cfg))
         self.stop = tlc.TlcStop()
         self._folder = kept
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
@@ -141,7 +143,7 @@ class _Run:
             return found.seconds
 
     def outcome(self, mutant: Mutant, deep: bool) -> MutantOutcome:
-        """The first property that is violated, the cheapest model first; ``deep``: every one.
+        """The first property that is violated, FIRST and the cheapest first; ``deep``: every one.
 
         If there is none, the graph of one station is compared as well.
         """
