@@ -277,6 +277,7 @@ def judged_log(
 def _kept(
     stream: LogStream, events: list[tuple[int, Event]], messages: dict[str, Fields]
 ) -> Iterator[tuple[int, Event]]:
+    """The events of a log, which are kept, with equal messages and timers in memory once."""
     timers: dict[Timer, Timer] = {}
     for line, event in stream:
         if isinstance(event, Receive | Send) and event.tx and event.message:
@@ -292,7 +293,7 @@ def _kept(
 def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[JudgedLog]:
     """Read and check files. Several logs are kept, with equal messages in memory once."""
     messages: dict[str, Fields] = {}
-    return [judged_log(path, late_ms, len(paths) > 1, (), messages) for path in paths]
+    return [judged_log(path, late_ms, len(paths) > 1, messages=messages) for path in paths]
 
 
 def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:

@@ -13,7 +13,7 @@ from merged_runs import simulated
 
 from automcm.links.simulated_radio import Radio
 from automcm_spec.log_format import reader
-from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.log import Event, Receive, Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
@@ -84,6 +84,8 @@ def test_logs_of_one_run_keep_equal_messages_once(logs: list[Path], tmp_path: Pa
     received = [e for e in other.values() if isinstance(e, Receive) and e.tx in sent]
     alike = [e.message is sent[e.tx or ""] for e in received]
     assert len(alike) > 50 and alike.count(False) == 1
+    timers = [e.timer for e in one.values() if isinstance(e, TimerArm | TimerEnd)]
+    assert len(timers) > len(set(timers)) == len({id(timer) for timer in timers})
 
 
 def test_msg_1_stations_that_overhear_everything_are_allowed(
