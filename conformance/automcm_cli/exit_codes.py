@@ -20,7 +20,6 @@ from automcm_spec.support.bad_input import BadInput, printable
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
 """Exit codes (``common.CODES``).  A shell reports 141 for a process that SIGPIPE ended."""
 
-
 _INTERNAL_ERROR = (
     "internal error in automcm, not a verdict: please report it with the lines above, the "
     "command and the output of `automcm --version`"

@@ -45,10 +45,7 @@ GROUPS = {
     "keys": (["automcm_cli.reference.keys_commands"], "Keys and certificates of stations."),
     "link": (["automcm_cli.reference.station_commands"], "Simulate the radio between stations."),
     "conform": (
-        [
-            "automcm_cli.conform.conform",
-            f"{_MAINTENANCE}.code_mutation.certify",
-        ],
+        ["automcm_cli.conform.conform", f"{_MAINTENANCE}.code_mutation.certify"],
         "Test a station in any language against the specification.",
     ),
 }
@@ -124,11 +121,8 @@ class Group(TyperGroup):
         found = super().get_command(ctx, name)
         if found is None and name in _ONLY_IN_A_CLONE:
             path = f"{ctx.command_path} {name}".partition(" ")[2]
-            say(
-                f"{path}: only available in a clone of the repository, not in the installed "
-                "package",
-                err=True,
-            )
+            text = f"{path}: only available in a clone of the repository, not in the package"
+            say(text, err=True)
             raise typer.Exit(3)
         if found is not None and not isinstance(found, Group):
             vars(found)["format_help"] = MethodType(_format_help, found)

@@ -123,11 +123,7 @@ def run(
                 limit_s=limit,
                 seed=seed,
                 notify=notify,
-                selectors=[
-                    *(selectors or []),
-                    *(["--quick"] if quick else []),
-                    *(["--failed"] if failed else []),
-                ],
+                selectors=[*(selectors or []), *["--quick"] * quick, *["--failed"] * failed],
                 expected=known,
                 stop_after=stop_after,
                 quick=quick,
@@ -138,8 +134,7 @@ def run(
     report.seconds = round(time.monotonic() - clock, 1)
     report_.write(report, folder)
     if write_json(json_, report.as_dict()):
-        console = console_of()
-        terminal_report.summary(report, console, folder)
+        terminal_report.summary(report, console_of(), folder)
     raise typer.Exit(report.exit_code)
 
 
@@ -268,9 +263,8 @@ def replay(
     if write_json(json_, found.as_dict()):
         console = console_of()
         for line in exchange(found.sent, complete=True):
-            console.print(
-                f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
-            )
+            text = f"{line.now:>8}  {line.who:<8} {line.text}"
+            console.print(text, markup=False, highlight=False)
         reason = f"{found.rule}: {found.what}" if found.what else "every answer is as expected"
         console.print(f"{found.verdict} {found.case}  {reason}", markup=False)
         for text in found.stderr:
@@ -403,10 +397,8 @@ def live(
             stack.callback(session.adapter.stop)
         notify(f"listening for station {station}")
         if not session.heard(FIRST_CAM_MS):
-            say(
-                f"live: no CAM of station {station} on {broadcast} within {FIRST_CAM_MS} ms",
-                err=True,
-            )
+            text = f"live: no CAM of station {station} on {broadcast} within {FIRST_CAM_MS} ms"
+            say(text, err=True)
             raise typer.Exit(3)
         for case in cases:
             notify(case.name)

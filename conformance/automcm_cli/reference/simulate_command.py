@@ -112,10 +112,9 @@ def drives(
             say(f"{kind:<16} {counts}")
         for each in counted["bad"]:
             room = "-" if each["room_m"] is None else f"{each['room_m']} m"
-            braking = f"braking {each['braking']} m/s²"
             say(
-                f"seed {each['seed']}, {each['kind']}, sigma {each['sigma']} m: "
-                f"room {room}, {braking}"
+                f"seed {each['seed']}, {each['kind']}, sigma {each['sigma']} m: room {room}, "
+                f"braking {each['braking']} m/s²"
             )
     raise typer.Exit(1 if counted["bad"] else 0)
 

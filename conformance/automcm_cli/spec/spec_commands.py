@@ -22,7 +22,6 @@ from automcm_cli.shared.common import (
 
 app = typer.Typer()
 
-
 Profile = Annotated[
     str | None,
     typer.Option(

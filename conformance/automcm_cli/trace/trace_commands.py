@@ -50,7 +50,7 @@ def explain(
     from automcm_traces.explain import explain as explain_
     from automcm_traces.explain import lint as lint_
 
-    logs = files_of("explain", logs)
+    logs = files_of("explain", logs, json_)
     several = len(logs) > 1
     with uncollected():
         found = explain_.judged_logs(logs, late)
@@ -78,8 +78,7 @@ def explain(
                 say(f"  {name}: {value}")
         if system is not None:
             say_lines(system.text(start_ms, matrix))
-    code = explain_.exit_code(verdicts)
-    raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
+    raise typer.Exit(explain_.exit_code(verdicts, system))
 
 
 def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:

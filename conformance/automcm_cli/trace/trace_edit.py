@@ -43,7 +43,7 @@ def shrink(
     from automcm_traces.edit import log_shrinking as shrink_
     from automcm_traces.explain.log_columns import columns
 
-    logs = files_of("shrink", logs)
+    logs = files_of("shrink", logs, json_)
     try:
         with code_3("shrink", OSError), progress() as status:
             found = shrink_.shrink(logs, late_ms=late, tries=tries, on_progress=status)
@@ -108,7 +108,7 @@ def compare(
     from automcm_traces.edit import log_diff as diff_
 
     pairs = station_pairs(stations)
-    logs, others = files_of("diff", [a]), files_of("diff", [b])
+    logs, others = files_of("diff", [a], json_), files_of("diff", [b], json_)
     with code_3("diff", BadInput):
         found = diff_.diff(logs, others, pairs)
     if write_json(json_, found.as_dict()):
@@ -156,7 +156,7 @@ def export(
     from it byte for byte.
     """
     given = logs if to == "logs" else files_of("export", logs)
-    _write("export", lambda: _exported(given, to, all_, absolute), out, json_, read=logs)
+    _write("export", lambda: _exported(given, to, all_, absolute), out, json_, read=given)
 
 
 def itf(
@@ -197,9 +197,10 @@ def _write(
             command, BadInput, ItfError, McapError, MergeError, OSError, BehaviourError, TlcError
         ):
             contents = {out / name: data for name, data in make().items()}
+            for path in filter(None, (*contents, json_)):
+                refuse_given(path, read)
             files.folder(out, named=True)
             for path, data in contents.items():
-                refuse_given(path, read)
                 files.write(path, data)
     except CannotTell as error:
         say(f"{command}: CANNOT TELL: {error}", err=True)
@@ -231,6 +232,8 @@ def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[
     if to == "logs":
         return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
     together = Logs(paths)
+    for warning in together.warnings:
+        say(f"export: warning: {warning}", err=True)
     lines = [*diagram(together.rows(), together.stations, unfold=unfold), ""]
     return {f"{paths[0].stem}.mmd": "\n".join(lines).encode()}
 

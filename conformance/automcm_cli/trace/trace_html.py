@@ -83,7 +83,7 @@ def html(
     part = _part((from_line, to_line), (from_ms, to_ms), session)
     if part and compare:
         raise typer.BadParameter("a part cannot be combined with --compare", param_hint="--compare")
-    logs, other = (files_of("html", paths) for paths in (logs, compare or []))
+    logs, other = (files_of("html", paths, out, json_) for paths in (logs, compare or []))
     with code_3("html", BadInput, OSError, PageError):
         page = page_of(logs, late, other, pairs, part)
         page.traffic = traffic

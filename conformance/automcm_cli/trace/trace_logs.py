@@ -27,28 +27,29 @@ if TYPE_CHECKING:
 
 Logs = Annotated[
     list[Path],
-    typer.Argument(help="Logs (*.ndjson), folders with logs at any depth, or standard input (-)."),
+    typer.Argument(readable=False, help="Logs (*.ndjson), folders with logs, standard input (-)."),
 ]
 
 
-def files_of(command: str, logs: list[Path]) -> list[Path]:
-    """The log files in these paths.  Exits with code 3 if a path has none.
+def files_of(command: str, logs: list[Path], *written: Path | None) -> list[Path]:
+    """The log files in these paths.  Exits with code 3 if a path has none, and with 2 if one is
+    ``written`` by the command.
 
     Standard input and pipes are copied to files, because a log is read more than once.
     """
     from automcm_spec.log_format.reader import logs_below
 
     with code_3(command, BadInput, OSError):
-        return logs_below([_kept(log) for log in logs])
+        found = logs_below([_kept(log) for log in logs])
+    for path in filter(None, written):
+        refuse_given(path, found)
+    return found
 
 
 def refuse_given(path: Path, given: Iterable[Path]) -> None:
     """Raises typer.BadParameter if writing this file would overwrite a given one."""
     if path.resolve() in {other.resolve() for other in given}:
-        raise typer.BadParameter(
-            f"{path} is an input and would be overwritten; choose another folder",
-            param_hint="--out",
-        )
+        raise typer.BadParameter(f"{path} is an input and would be overwritten; choose another")
 
 
 def _kept(log: Path) -> Path:
@@ -74,7 +75,7 @@ def _kept(log: Path) -> Path:
 def lint(
     logs: Logs,
     most: Annotated[
-        int, typer.Option(help="Maximum findings to print for each file (0 = all).", min=0)
+        int, typer.Option(help="Maximum findings to report for each file (0 = all).", min=0)
     ] = 100,
     json_: Json = None,
 ) -> None:
@@ -86,7 +87,7 @@ def lint(
     from automcm_traces.explain import lint as lint_
 
     reports = []
-    for path in files_of("lint", logs):
+    for path in files_of("lint", logs, json_):
         reports.append(lint_.report(path, most))
         if str(json_) != "-":
             say_lines(lint_.text(reports[-1]))
@@ -156,7 +157,7 @@ def show(
         from_line=from_line,
     )
     with code_3("show", BadInput):
-        paths = files_of("show", logs)
+        paths = files_of("show", logs, json_)
         together = show_.Logs(paths)
     for warning in together.warnings:
         say(f"show: warning: {warning}", err=True)
@@ -169,7 +170,7 @@ def show(
         stations = sorted(wanted.stations & {*together.stations}) or together.stations
         _print(shown, stations, width, paths, absolute, all_)
         if wanted.hidden_cams:
-            say(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
+            say(f"CAMs not shown: {wanted.hidden_cams} (--cams shows them)")
     raise typer.Exit(0 if together.good else 3)
 
 
@@ -230,7 +231,7 @@ def coverage(
     from automcm_spec.vocabulary.condition_coverage import annotated
     from automcm_traces.explain import coverage as coverage_
 
-    paths = files_of("coverage", logs)
+    paths = files_of("coverage", logs, json_, out)
     with progress() as status:
         found = coverage_.measure(_with_progress(paths, status), late)
     if out is not None:

@@ -18,6 +18,7 @@ import typer
 from automcm.links.link import LinkError
 from automcm_cli.shared.common import Late, code_3, say_lines, usage
 from automcm_cli.shared.station_options import Remote
+from automcm_cli.trace.trace_logs import refuse_given
 from automcm_spec.support.bad_input import SpooledInput
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ def watch(
     from automcm_spec.support import scratch
     from automcm_traces.explain.watch import Watch, WatchReport
 
+    if json_ is not None and str(json_) != "-":
+        refuse_given(json_, map(Path, logs))
     watched = Watch(late)
     with ExitStack() as stack, code_3("watch", OSError):
         put = stack.enter_context(_output(json_))

@@ -86,7 +86,7 @@ def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
     done = _run(wheel, sys.executable, "-S", str(wheel / "all.py"))
     assert done.stdout.split() == ["3"] * len(NEED_REPOSITORY)
     assert done.stderr.splitlines() == [
-        f"{command}: only available in a clone of the repository, not in the installed package"
+        f"{command}: only available in a clone of the repository, not in the package"
         for command in NEED_REPOSITORY
     ]
 

@@ -61,7 +61,7 @@ def test_show_filters_and_counts_cams(folder: Path) -> None:
     assert "Intention ->1001" in answer.output and "arm " not in answer.output
     assert answer.output == automcm(*arguments).output
     answer = automcm("trace", "show", folder, "--type", "Intention")
-    assert {line.split()[2] for line in answer.output.splitlines()[1:-1]} <= {
+    assert {line.split()[2] for line in answer.output.splitlines()[1:]} <= {
         "Intention",
         "<-",
         "x1001",
@@ -69,6 +69,21 @@ def test_show_filters_and_counts_cams(folder: Path) -> None:
     }
     answer = automcm("trace", "show", folder, "--type", "CAM")
     assert "CAM ->all" in answer.output and "not shown" not in answer.output
+
+
+REPORTS = [(c, "--json") for c in (*COMMANDS, "explain", "diff", "export", "html", "watch")]
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), [*REPORTS, ("coverage", "--out"), ("html", "--out")]
+)
+def test_no_log_is_overwritten(command: str, option: str, folder: Path, tmp_path: Path) -> None:
+    text = (folder / "1001.ndjson").read_bytes()
+    log = tmp_path / "1001.ndjson"
+    log.write_bytes(text)
+    answer = automcm("trace", command, log, *[log] * (command == "diff"), option, log)
+    assert answer.exit_code == 2 and "is an input and would be overwritten" in answer.output
+    assert log.read_bytes() == text
 
 
 def test_show_gives_the_last_rows_and_json(folder: Path) -> None:

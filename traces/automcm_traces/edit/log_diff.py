@@ -96,6 +96,8 @@ class Diff:
     """Logs of stations that the other side lacks."""
     first: int = 0
     """The station at which A first differs from B; 0 if there is none."""
+    warnings: list[str] = field(default_factory=list)
+    """What may be missing in the logs, one line each."""
 
     @property
     def same(self) -> bool:
@@ -110,6 +112,7 @@ class Diff:
             "stations": [one.as_dict() for one in self.stations],
             "only_a": self.only_a,
             "only_b": self.only_b,
+            "warnings": self.warnings,
         }
 
 
@@ -133,7 +136,7 @@ def diff_logs(
     if len(logs_a) == len(logs_b) == 1 and not pairs:
         pairs = {next(iter(logs_a)): next(iter(logs_b))}
     ids = {other: one for one, other in pairs.items()}
-    found = Diff()
+    found = Diff(warnings=[text for log in (*a, *b) for text in _missing(log)])
     for station, log in logs_a.items():
         other = logs_b.pop(pairs.get(station, station), None)
         if other is None:
@@ -142,6 +145,12 @@ def diff_logs(
             found.stations.append(compared(log, other, ids))
     found.only_b = [log.file for log in logs_b.values()]
     return found
+
+
+def _missing(log: Log) -> Iterator[str]:
+    yield from log.warnings
+    if log.end is not None and log.end.lost_records:
+        yield f"{log.file}: lost {log.end.lost_records} records"
 
 
 def _by_station(given: Sequence[Log]) -> dict[int, Log]:
@@ -320,6 +329,7 @@ def text(found: Diff, times: bool = False, width: int = 80) -> Iterator[str]:
         yield from (f"{file}: only {side} has this station" for file in files)
     if found.first and len(found.stations) > 1:
         yield f"station {found.first} differs first"
+    yield from (f"warning: {text}" for text in found.warnings)
 
 
 def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:

@@ -184,9 +184,9 @@ def exit_code(coverage: LogCoverage) -> int:
 CONDITIONS = "conditions both ways"
 MOST_PROBLEMS = 10
 _PROBLEMS: dict[Answer, str] = {
-    "diverges": "diverge",
-    "unreadable": "cannot be read to their end",
-    "cannot_tell": "are insufficient for a verdict to their end",
+    "diverges": "with a divergence",
+    "unreadable": "not readable to the end",
+    "cannot_tell": "without enough for a verdict to the end",
 }
 
 

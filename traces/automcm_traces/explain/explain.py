@@ -321,6 +321,8 @@ def verdicts_together(found: Sequence[JudgedLog]) -> tuple[list[Verdict], System
     except MergeError:
         return verdicts(found), judge(logs)
     timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
+    parts = [one.verdict.file for one in found if one.log is not None and not one.complete]
+    merged.notices += [f"{file}: not judged together: a part of it is missing" for file in parts]
     return _with_forged(found, forged_receptions(merged)), judge_merged(merged, timelines)
 
 
@@ -343,9 +345,10 @@ def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:
     return [one.log for one in found if one.log is not None and one.complete]
 
 
-def exit_code(verdicts: Sequence[Verdict]) -> int:
-    """The exit code for the most severe verdict."""
-    return worst(v.verdict for v in verdicts)
+def exit_code(verdicts: Sequence[Verdict], together: SystemReport | None = None) -> int:
+    """The exit code for the most severe verdict, or for a property violated ``together``."""
+    violated = together is not None and together.verdict == "violated"
+    return 1 if violated else worst(v.verdict for v in verdicts)
 
 
 # -- the verdict as text, the failing prefix, and the command to replay it
@@ -381,7 +384,7 @@ def _lines(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
     where = at_line(verdict.file, found.at.line)
     match verdict.verdict:
         case "allowed":
-            yield f"{verdict.file}: ALLOWED, {verdict.events} events"
+            yield f"{verdict.file}: ALLOWED, {verdict.events} event{'s' * (verdict.events != 1)}"
             yield from _allowed(verdict)
         case "unreadable" | "cannot_tell" as word:
             yield f"{where}: {word.replace('_', ' ').upper()}: {found.observed}"

@@ -90,6 +90,9 @@ class Hints(Watcher):
         d, engine = check.diverges, check.engine
         if d is None or engine is None:
             return ""
+        match d.seen:
+            case ("send", {"src": int(src)}) if src != self._header.station and not self._own_cams:
+                return f"is this the log of station {self._header.station}? {src} sent the message"
         if not self._begun and not check.judged_from and _in_a_session(d, engine.track):
             mark = 'its header needs "begins": "running"'
             return f"does the log begin in mid-session? Then {mark}"

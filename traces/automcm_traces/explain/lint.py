@@ -225,6 +225,8 @@ class _Lint:
         self._first = True
         """Whether no event was seen."""
         self._seq = 0
+        self._lines = 0
+        """The number of lines since the last event; some may be events that cannot be read."""
         self._t_ms = 0
         self._sent = Numbers()
         self._kinds: Counter[str] = Counter()
@@ -236,6 +238,7 @@ class _Lint:
     def findings(self, stream: BinaryIO) -> Iterator[Finding]:
         while line := stream.readline(LONGEST_LINE + 1):
             self._line += 1
+            self._lines += 1
             if len(line) > LONGEST_LINE:
                 if self._line == 1:
                     raise BadInput(self._file, 1, "", f"longer than {LONGEST_LINE} bytes", "text")
@@ -328,14 +331,14 @@ class _Lint:
         elif self._first and seq > 1 and not self._running:
             mark = 'if the log was cut here, its header needs "begins": "running"'
             yield self._found("seq", "seq", f"must count from 1, not from {seq}; {mark}")
-        elif seq > wanted and not self._first:
-            problem = f"{seq} after {self._seq}: {seq - wanted} missing"
+        elif seq > (known := self._seq + self._lines) and not self._first:
+            problem = f"{seq} after {self._seq}: {seq - known} missing"
             yield self._found("seq", "seq", problem)
         elif seq == self._seq:
             yield self._found("seq", "seq", f"{seq} is repeated; expected {wanted}")
         elif seq < wanted:
             yield self._found("seq", "seq", f"must not decrease, from {self._seq} to {seq}")
-        self._seq, self._first = seq, False
+        self._seq, self._first, self._lines = seq, False, 0
         if type(t_ms) is not int:
             return
         if t_ms < self._t_ms:
@@ -392,8 +395,8 @@ class _Lint:
         seq, lost = end.get("seq"), end.get("lost_records")
         if type(seq) is int and seq < 0:
             yield self._found("seq", "seq", f"must be at least 0, not {seq}")
-        elif type(seq) is int and seq != self._seq:
-            missing = f": {seq - self._seq} missing" if seq > self._seq else ""
+        elif type(seq) is int and not self._seq <= seq < (known := self._seq + self._lines):
+            missing = f": {seq - known + 1} missing" if seq > self._seq else ""
             yield self._found("seq", "seq", f"{seq}, but the last event has {self._seq}{missing}")
         if type(lost) is int and lost > 0:
             yield self._found("end", "lost_records", f"{lost} events were not logged")

@@ -204,17 +204,17 @@ class Filter:
         if event is None:
             return not (self.types or self.session) or row.problem
         m = event.message if isinstance(event, Send | Receive) else None
-        if not self.cams and self._of_cams.has(row.station, event):
-            self.hidden_cams += event.is_cam
-            return False
+        of_cams = not self.cams and self._of_cams.has(row.station, event)
         if self.types and (m is None or m["type"] not in self.types):
             return False
         if not self.timers and isinstance(event, TimerArm | TimerEnd):
             return False
-        if self.session is None:
-            return True
         marks = m.get("marks") if m is not None else None
-        return session == self.session or (isinstance(marks, list) and list(self.session) in marks)
+        marked = isinstance(marks, list) and list(self.session or ()) in marks
+        if self.session not in (None, session) and not marked:
+            return False
+        self.hidden_cams += of_cams and event.is_cam
+        return not of_cams
 
     def _session(self, row: TableRow) -> tuple[int, int] | None:
         event = row.event

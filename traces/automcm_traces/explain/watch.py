@@ -147,8 +147,7 @@ class Watch:
     @property
     def exit_code(self) -> int:
         """The exit code of ``explain`` for the verdicts so far."""
-        violated = self._together is not None and self._together.verdict == "violated"
-        return 1 if violated else explain.exit_code(self.verdicts)
+        return explain.exit_code(self.verdicts, self._together)
 
     @property
     def _start_ms(self) -> dict[str, int]:

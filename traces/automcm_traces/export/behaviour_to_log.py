@@ -8,8 +8,7 @@ that the specification leaves open are made up here:
 * a message is received as its latest transmission; a CAM that is newer although that transmission
   has arrived before is forged, with the largest generation time (``Forger.tla``);
 * a step takes ``STEP_MS``. The header states no durations, so the deadline of a timer is the time
-  at
-  which the behaviour lets it expire, or far in the future. Only the lease has a duration on the
+  at which the behaviour lets it expire, or far in the future. Only the lease has a duration on the
   wire: if two stations let it run for different times, the clock of one runs ahead (times of
   different stations are not compared). A timed model provides its own times and deadlines;
 * a CAM is sent whenever its marks change. No station receives it, unless the model says so;

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format import log_schema
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import SCHEMA
 from automcm_spec.log_format.reader import header_of, records
@@ -36,20 +37,6 @@ ARROW = {
 where it leaves; ``event`` is its summary. Only a rejected message has a ``reason``."""
 LATEST_MS = 2**63 // 10**6
 """The latest time: MCAP counts nanoseconds in 64 bits."""
-_INTEGERS = ("seq", "t_ms", "deadline", "station", "lost_records")
-_TEXTS = ("rec", "ev", "tx", "op", "rule", "phase", "role", "reason", "run", "schema", "raw")
-_OBJECTS = ("message", "timer", "command", "indication", "planned", "parameters", "implementation")
-LINE = {
-    "title": SCHEMA,
-    "type": "object",
-    "properties": {
-        **{name: {"type": "integer"} for name in _INTEGERS},
-        **{name: {"type": "string"} for name in (*_TEXTS, "rejected")},
-        **{name: {"type": "object"} for name in _OBJECTS},
-        "complete": {"type": "array", "items": {"type": "string"}},
-    },
-}
-"""A simple schema of a line for viewers; ``log_schema.schema()`` is the complete one."""
 
 
 class McapError(Exception):
@@ -63,6 +50,18 @@ def _module(name: str) -> Any:
         raise McapError("the package mcap is missing: pip install 'automcm[mcap]'") from None
 
 
+def _line_schema() -> dict[str, Any]:
+    """A simple schema of a line for viewers: the fields of all records."""
+    records = (each.get("properties", {}) for each in log_schema.schema()["$defs"].values())
+    fields = {
+        name: {"type": "object"} | {key: of[key] for key in ("type", "items") if key in of}
+        for record in records
+        if "rec" in record
+        for name, of in record.items()
+    }
+    return {"title": SCHEMA, "type": "object", "properties": fields}
+
+
 def written(paths: Sequence[Path]) -> bytes:
     """The logs as one MCAP; equal logs give equal bytes.
 
@@ -73,7 +72,7 @@ def written(paths: Sequence[Path]) -> bytes:
     writer = library.Writer(stream, compression=library.CompressionType.NONE)
     writer.start(profile="", library="automcm")
     schema = writer.register_schema(
-        name=SCHEMA, encoding="jsonschema", data=json.dumps(LINE).encode()
+        name=SCHEMA, encoding="jsonschema", data=json.dumps(_line_schema()).encode()
     )
     for path in paths:
         channel = writer.register_channel(

@@ -35,9 +35,8 @@ def diagram(
 
     ``rows`` are those of ``log_table.Logs``. A received message is an arrow at its reception. A
     lost one ends in a cross, a rejected one is also dotted; another dotted one is not in the log of
-    one of its stations. CAMs and timers
-    are left out. Copies are one arrow, unless ``unfold``. After ``most`` arrows, a note states the
-    number of the remaining messages.
+    one of its stations. CAMs and timers are left out. Copies are one arrow, unless ``unfold``.
+    After ``most`` arrows, a note states the number of the remaining messages.
     """
     kept = [row for row in rows if row.event is None or row.phase or not row.event.is_cam]
     known = {*stations, *(s for row in kept for a in row.arrows for s in (a.source, a.to))}

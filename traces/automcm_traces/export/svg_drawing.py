@@ -138,10 +138,7 @@ def _legend(fates: list[str], copies: bool, y: int) -> Iterator[str]:
 
 
 def _folded(
-    merged: Merged,
-    arrows: list[Arrow],
-    phases: dict[Node, str],
-    unfold: bool,
+    merged: Merged, arrows: list[Arrow], phases: dict[Node, str], unfold: bool
 ) -> list[Fold[Arrow]]:
     """The arrows in the order of their starts; copies between two changes of phase are one."""
     row_of = {node: row for row, node in enumerate(merged.order)}

@@ -87,10 +87,9 @@ def of_runs(
     title = title or " | ".join(run.title for run in runs)
     page = Page(title, runs, [], ahead, comparison=comparison, note=note)
     beside = {} if comparison is None else comparison.beside
-    firsts = [0, len(a.logs)]
     feeds = [
         _feed(run, i, first, b is not None)
-        for run, first in zip(runs, firsts, strict=False)
+        for run, first in zip(runs, [0, len(a.logs)], strict=False)
         for i in range(len(run.logs))
     ]
     for nodes in Ordered(feeds, ahead, beside):

@@ -92,7 +92,7 @@ def around(found: Sequence[JudgedLog]) -> tuple[list[Path], PagePart]:
     """The lines around the first divergence, or the first lines of the first log; and the files in
     the order in which ``parts`` takes them."""
     paths = [one.path for one in found]
-    window = min(WINDOW, MOST_EVENTS // len(paths))
+    window = min(WINDOW, MOST_EVENTS // (2 * len(paths) - 1))  # the others may have more events
     marked = [one for one in found if one.verdict.verdict == "diverges"]
     if not marked:
         readable = [one.path for one in found if one.refused is None]

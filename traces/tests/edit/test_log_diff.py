@@ -47,6 +47,15 @@ def test_a_run_is_the_same_as_itself(folder: Path) -> None:
     assert all(c.steps > 10 and c.apart_ms == 0 for c in found.stations)
 
 
+def test_lost_records_are_a_warning(tmp_path: Path) -> None:
+    *lines, end = PAIR.joinpath("1001.ndjson").read_text().splitlines()
+    lost = tmp_path / "lost.ndjson"
+    lost.write_text("\n".join([*lines, json.dumps(json.loads(end) | {"lost_records": 3}), ""]))
+    found = diff([PAIR / "1001.ndjson"], [lost])
+    assert found.same and found.as_dict()["warnings"] == [f"{lost}: lost 3 records"]
+    assert list(text(found))[-1] == f"warning: {lost}: lost 3 records"
+
+
 @pytest.mark.parametrize("path", of(FOUR), ids=lambda path: path.stem)
 def test_numbers_times_cams_and_the_order_of_effects_are_free(path: Path, tmp_path: Path) -> None:
     def number(name: str, value: Json) -> Json:

@@ -76,6 +76,16 @@ def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.Monke
         fed.clear()
 
 
+def test_a_log_that_is_not_judged_with_the_others_is_named(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    lines = logs[1].read_text().splitlines(keepends=True)
+    gap = tmp_path / "gap.ndjson"
+    gap.write_text("".join(lines[:20] + lines[21:]))
+    _, report = verdicts_together(judged_logs([logs[0], gap]))
+    assert f"{gap}: not judged together: a part of it is missing" in report.notices
+
+
 def test_logs_of_one_run_keep_equal_messages_once(logs: list[Path], tmp_path: Path) -> None:
     line = find(logs[1], "receive", type="CAM", src=1001)
     odd = edited(logs[1], tmp_path, lambda log: log.at(line)["message"].update(v=True))

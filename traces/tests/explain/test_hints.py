@@ -50,6 +50,13 @@ def test_an_advertisement_without_planned(run: list[Path], tmp_path: Path) -> No
     assert logger.verdict == "diverges" and logger.hint == verdict.hint
 
 
+def test_a_log_of_another_station(run: list[Path], tmp_path: Path) -> None:
+    header, *lines = records(run[1])
+    verdict = judged(tmp_path, [header | {"station": 3003}, *lines])
+    assert verdict.verdict == "diverges"
+    assert verdict.hint == "is this the log of station 3003? 2002 sent the message"
+
+
 def without_cams(lines: list[Json]) -> list[Json]:
     return [r for r in lines if not is_message(r, "receive", "CAM")]
 

@@ -53,6 +53,9 @@ def test_the_logs_of_the_reference_are_clean(tmp_path: Path) -> None:
 
 CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
     ("gap", [HEADER, event(1), event(4), event(5), end(5)], [(3, "seq", "seq")]),
+    ("unread", [HEADER, event(1), b"rubbish\n", event(3), end(3)], [(3, "json", "")]),
+    ("gap too", [HEADER, event(1), b"x\n", event(4), end(4)], [(3, "json", ""), (4, "seq", "seq")]),
+    ("unread at the end", [HEADER, event(1), b"rubbish\n", end(2)], [(3, "json", "")]),
     ("from 0", [HEADER, event(0), event(1), event(2), end(2)], [(2, "seq", "seq")]),
     ("twice", [HEADER, event(1), event(1), event(2), end(2)], [(3, "seq", "seq")]),
     ("end ahead", [HEADER, event(1), end(3)], [(3, "seq", "seq")]),

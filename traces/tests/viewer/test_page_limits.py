@@ -16,7 +16,7 @@ from page_rows import CORPUS, DELIVERED, FORGED, FOUR, LOST, Json, events, fives
 from automcm_cli.trace import trace_html
 from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.explain import verdict_of, verdicts_of
+from automcm_traces.explain.explain import JudgedLog, verdict_of, verdicts_of
 from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_data import Page, as_dict, load
@@ -42,6 +42,12 @@ def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path, sessions
         page = load(paths)
         fixed = len(html(load(FOUR[:1])))
         assert len(html(page)) - fixed < 250 * len(page.nodes)
+
+
+def test_a_part_of_many_logs_leaves_room_for_busier_stations() -> None:
+    logs = [JudgedLog(FOUR[0], verdict_of(FOUR[0]))] * 50
+    part = page_part.around(logs)[1]
+    assert 0.5 < len(logs) * part.last / MOST_EVENTS < 0.52
 
 
 @pytest.mark.parametrize("name", ["seq_gap", "rubbish_inside", "cut", "mixed_versions"])
