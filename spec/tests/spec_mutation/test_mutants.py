@@ -1,16 +1,13 @@
-"""Mutants of the modules, and the command."""
+"""Mutants of the modules."""
 
 from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
 
-import pytest
-from mutant_stage import OTHER, TINY, changes, tiny
+from mutant_stage import OTHER, TINY, changes
 from mutant_stage import folder as folder
-from typer.testing import CliRunner
 
-from automcm_cli.main import app
 from automcm_maintenance.spec_mutation import mutants
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_spec.model_checking import models
@@ -86,17 +83,3 @@ def test_a_negated_list_of_conjuncts_keeps_its_columns(folder: Path) -> None:
     lines = mutant.apply(OTHER.encode()).decode().splitlines()
     first = next(n for n, line in enumerate(lines) if line.endswith("/\\ st.a"))
     assert lines[first].index("/\\") == lines[first + 1].index("/\\")
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--profile", "huge"],
-        ["--only", "Nobody.At.All"],
-        ["--write", "--only", "OnAck"],
-        ["--limit", "-1"],
-    ],
-)
-def test_the_command_refuses(monkeypatch: pytest.MonkeyPatch, options: list[str]) -> None:
-    monkeypatch.setattr(models, "load", lambda: [tiny()])
-    assert CliRunner().invoke(app, ["spec", "mutate", *options]).exit_code == 2

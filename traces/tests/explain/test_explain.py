@@ -76,9 +76,7 @@ def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.Monke
         fed.clear()
 
 
-def test_a_log_that_is_not_judged_with_the_others_is_named(
-    logs: list[Path], tmp_path: Path
-) -> None:
+def test_a_log_that_is_left_out_is_named(logs: list[Path], tmp_path: Path) -> None:
     lines = logs[1].read_text().splitlines(keepends=True)
     gap = tmp_path / "gap.ndjson"
     gap.write_text("".join(lines[:20] + lines[21:]))

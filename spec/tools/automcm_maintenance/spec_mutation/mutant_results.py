@@ -92,9 +92,16 @@ def load(path: Path = RESULTS) -> MutationResults:
     return MutationResults.model_validate_json(path.read_bytes())
 
 
+def before(profile: str, path: Path = RESULTS) -> list[MutantResult]:
+    """The written results of this profile that hold on the present inputs."""
+    found = load(path)
+    return found.mutants if found.run.startswith(f"{profile} ") and not found.stale else []
+
+
 def write(run: str, rows: Sequence[MutantResult], path: Path = RESULTS) -> None:
     """Write the results of a run on the present inputs, one mutant a line."""
-    lines = ",\n".join(json.dumps(row.model_dump(), ensure_ascii=False) for row in rows)
+    ordered = sorted(rows, key=lambda row: (row.module, row.line, row.id))
+    lines = ",\n".join(json.dumps(row.model_dump(), ensure_ascii=False) for row in ordered)
     files.write(path, f'{{"inputs": "{present()}", "run": "{run}", "mutants": [\n{lines}\n]}}\n')
 
 

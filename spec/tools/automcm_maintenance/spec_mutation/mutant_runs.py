@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 from automcm_maintenance.spec_mutation.mutant_results import MutantResult
 from automcm_maintenance.spec_mutation.mutant_rules import HOW, How
 from automcm_maintenance.spec_mutation.mutants import Mutant
-from automcm_maintenance.verify import kept_stages
 from automcm_spec.graph import oracle, oracle_generation
-from automcm_spec.model_checking import models, tlc, toolchain
+from automcm_spec.model_checking import models, tlc
 from automcm_spec.model_checking.models import PROPERTY_IDS, Model
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
@@ -26,8 +24,8 @@ from automcm_spec.support.paths import TLA
 GRAPHS = (oracle_generation.TIGHT, oracle_generation.ONE_PEER)
 """The graphs that are compared for a mutant of Station that no property kills."""
 FIRST = ("completes", "restarts", "station_properties")
-"""These models run first: of a sample they kill 27 of the 28 mutants that four models kill."""
-TIMEOUTS = 2
+"""These models run first: of 40 mutants they kill 27 of the 28 that four models kill."""
+TIMEOUTS = 3
 """After so many models that exceed their time, the others are not run."""
 
 Profile = Literal["quick", "deep"]
@@ -80,15 +78,15 @@ class MutantOutcome:
 
 @dataclass
 class MutationReport:
-    """The outcomes in the order of the mutants; not complete if the run was interrupted.
-
-    problems come from the list of reasons.
-    """
+    """The outcomes in the order of the mutants; not complete if the run was interrupted."""
 
     profile: Profile
     selected: int
     outcomes: list[MutantOutcome]
+    before: list[MutantResult] = field(default_factory=list)
+    """The results of earlier runs that still hold."""
     problems: list[str] = field(default_factory=list)
+    """Those of the list of reasons."""
 
     @property
     def complete(self) -> bool:
@@ -97,8 +95,8 @@ class MutationReport:
 
     @property
     def rows(self) -> list[MutantResult]:
-        """The mutants that parse."""
-        return [outcome.row for outcome in self.outcomes if not outcome.invalid]
+        """The mutants that parse, with those before."""
+        return [*self.before, *(o.row for o in self.outcomes if not o.invalid)]
 
     @property
     def exit_code(self) -> int:
@@ -107,17 +105,11 @@ class MutationReport:
 
 
 class _Run:
-    """The models, the folder of kept runs, and the checks of one mutant."""
+    """The models, and the checks of one mutant."""
 
-    def __init__(
-        self,
-        chosen: Sequence[Model],
-        tla: Path,
-        kept: Path | None,
-    ) -> None:
+    def __init__(self, chosen: Sequence[Model], tla: Path) -> None:
         self.models = sorted(chosen, key=lambda m: (m.cfg not in FIRST, m.seconds, m.cfg))
         self.stop = tlc.TlcStop()
-        self._folder = kept
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
         self._sound: dict[str, float] = {}
@@ -169,8 +161,7 @@ class _Run:
         for name, text in modules.items():
             (folder / f"{name}.tla").write_bytes(text)
         for graph in GRAPHS:
-            key = hashlib.sha256(graph.name.encode() + b"".join(modules.values())).hexdigest()
-            found = self._kept(key, partial(self._built, graph, folder))
+            found = self._built(graph, folder)
             if found.how is not None:
                 return [found]
         return []
@@ -193,20 +184,18 @@ class _Run:
 
     def _violated(self, mutant: Mutant, model: Model, folder: Path, deep: bool) -> Iterator[_Found]:
         """TLC's result; ``deep``: repeated without the violated property until none is violated."""
-        if not deep:
-            yield self._check(mutant, model, model.config, folder)
-            return
         rest, left = models.split(model.config)
         while left:
             found = self._check(mutant, model, _joined(rest, left), folder)
             ids = [PROPERTY_IDS.get(name, name) for _, name in left]
             if found.how == "property" and found.what not in ids:
                 # TLC does not name a temporal property, so each is checked separately.
-                for one in [x for x in left if x[0].startswith("PROPERT")]:
-                    yield self._check(mutant, model, _joined(rest, [one]), folder)
+                temporal = [x for x in left if x[0].startswith("PROPERT")]
+                each = [self._check(mutant, model, _joined(rest, [x]), folder) for x in temporal]
+                yield from [one for one in each if one.how == "property"] or [found]
                 return
             yield found
-            if found.how != "property":
+            if found.how != "property" or not deep:
                 return
             del left[ids.index(found.what)]
 
@@ -226,27 +215,12 @@ class _Run:
     def _run(
         self, mutant: Mutant | None, model: Model, cfg: str, folder: Path, timeout_s: float
     ) -> _Found:
-        """One run of TLC, or its kept result.  folder is the mutant's own."""
-        modules = {name: self._modules[name] for name in sorted(self._read_by[model.module])}
-        if mutant is not None:
-            modules[mutant.module] = mutant.apply(modules[mutant.module])
-        expected = model.model_dump_json(exclude={"config", "seconds", "why", "profile"})
-        digest = hashlib.sha256("\0".join((cfg, expected, toolchain.SHA256)).encode())
-        for name, text in modules.items():
-            digest.update(f"\0{name}\0".encode() + text)
-        key = digest.hexdigest()
-        return self._kept(key, partial(self._checked, model, cfg, modules, folder, timeout_s))
-
-    def _checked(
-        self,
-        model: Model,
-        cfg: str,
-        modules: dict[str, bytes],
-        folder: Path,
-        timeout_s: float,
-    ) -> _Found:
+        """One run of TLC; folder is the mutant's own."""
         if self.stop.stopped:
             raise _Stopped
+        modules = {name: self._modules[name] for name in self._read_by[model.module]}
+        if mutant is not None:
+            modules[mutant.module] = mutant.apply(modules[mutant.module])
         for name, text in modules.items():
             (folder / f"{name}.tla").write_bytes(text)
         verdict = models.check(
@@ -258,14 +232,6 @@ class _Run:
         if self.stop.stopped:
             raise _Stopped
         return _found(verdict, cfg)
-
-    def _kept(self, key: str, make: Callable[[], _Found]) -> _Found:
-        """The result under a hash of all that it depends on, so that an interrupted run loses
-        nothing.  A time-out is not kept, because the machine may have been busy."""
-        if self._folder is None:
-            return make()
-        path = self._folder / f"{key}.run"
-        return kept_stages.kept(path, key, make, lambda found: found.how != "timeout")[0]
 
 
 def _limit(seconds: float) -> float:
@@ -304,7 +270,8 @@ def _found(verdict: models.ModelVerdict, cfg: str) -> _Found:
         name = verdict.property or (temporal[0] if len(temporal) == 1 else "a temporal property")
         return _Found("property", PROPERTY_IDS.get(name, name), seconds)
     what = verdict.problem.splitlines()[0]
-    return _Found("probe" if what.startswith("reached") else "counts", what, seconds)
+    probe = what.startswith(("reached", "no longer reached"))
+    return _Found("probe" if probe else "counts", what, seconds)
 
 
 def _joined(rest: str, checked: Sequence[tuple[str, str]]) -> str:
@@ -317,17 +284,17 @@ def run(
     *,
     profile: Profile = "quick",
     tla: Path = TLA,
-    kept: Path | None = None,
     jobs: int = 2,
     notify: Notify = lambda text: None,
+    keep: Callable[[MutantOutcome], None] = lambda outcome: None,
 ) -> MutationReport:
-    """Run the models, which must hold, on each mutant, ``jobs`` at a time.
+    """Run the models, which must hold, on each mutant, ``jobs`` at a time; ``keep`` gets each
+    outcome at once.
 
-    On Ctrl-C the active runs are killed, and the report contains the known results; the next run
-    with the same folder ``kept`` continues.  Raises MutationError if a model is not as expected
-    without a mutant, or if a tool fails.
+    On Ctrl-C the active runs are killed, and the report contains the known results.  Raises
+    MutationError if a model is not as expected without a mutant, or if a tool fails.
     """
-    the_run = _Run(chosen, tla, kept)
+    the_run = _Run(chosen, tla)
     outcomes: dict[str, MutantOutcome] = {}
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         try:
@@ -337,6 +304,7 @@ def run(
             for future in as_completed(futures):
                 outcome = future.result()
                 outcomes[outcome.mutant.id] = outcome
+                keep(outcome)
                 survived = sum(o.survived for o in outcomes.values())
                 notify(f"{len(outcomes)} of {len(mutants)} mutants, {survived} survived")
         except KeyboardInterrupt:

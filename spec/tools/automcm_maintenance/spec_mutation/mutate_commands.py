@@ -11,14 +11,17 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from automcm_maintenance.documents.repository import ROOT
 from automcm_maintenance.spec_mutation import mutant_results, mutant_runs
 from automcm_maintenance.spec_mutation.mutant_rules import KINDS
-from automcm_maintenance.spec_mutation.mutant_runs import MutationError, MutationReport, Profile
+from automcm_maintenance.spec_mutation.mutant_runs import (
+    MutantOutcome,
+    MutationError,
+    MutationReport,
+    Profile,
+)
 from automcm_maintenance.spec_mutation.mutants import MissingPackage, Mutant, generate, sample
 from automcm_spec.model_checking import models
 
-KEPT = ROOT / "runs" / "mutation"
 PROFILES: tuple[str, ...] = get_args(Profile)
 LONGEST_S = 6
 """The quick and full models that take no longer, in seconds, are run."""
@@ -46,24 +49,35 @@ def listed(mutants: Sequence[Mutant]) -> str:
 
 
 def run(
-    profile: str, mutants: Sequence[Mutant], jobs: int, notify: Callable[[str], None]
+    profile: str, mutants: Sequence[Mutant], jobs: int, notify: Callable[[str], None], write: bool
 ) -> MutationReport:
-    """Run the models that must hold on the mutants."""
+    """Run the models that must hold on the mutants, in the order of ``sample``.
+
+    ``write``: write each result at once, and run no mutant whose written result still holds.
+    """
     chosen = [
         model
         for model in models.of_profile(models.load(), "full")
         if model.expect == "holds" and model.seconds <= LONGEST_S
     ]
-    known = mutant_results.reasons()
+    known, ids = mutant_results.reasons(), {mutant.id for mutant in generate()}
+    before = mutant_results.before(profile) if write else []
+    rows = {row.id: row for row in before}
+
+    def keep(outcome: MutantOutcome) -> None:
+        if write and not outcome.invalid:
+            rows[outcome.mutant.id] = outcome.row
+            mutant_results.write(about(profile, len(rows), len(ids)), [*rows.values()])
+
     report = mutant_runs.run(
-        mutants,
+        [mutant for mutant in mutants if mutant.id not in rows],
         chosen,
         profile="deep" if profile == "deep" else "quick",
-        kept=KEPT,
         jobs=jobs,
         notify=notify,
+        keep=keep,
     )
-    ids = {mutant.id for mutant in generate()}
+    report.before = before
     report.problems += mutant_results.problems(report.rows, known, ids)
     return report
 
@@ -78,15 +92,16 @@ def as_dict(report: MutationReport) -> dict[str, object]:
     }
 
 
-def about(report: MutationReport) -> str:
+def about(profile: str, number: int, whole: int) -> str:
     """The profile of a run, and how many of the mutants it had."""
-    return f"{report.profile} run of {report.selected} of {len(generate())}"
+    return f"{profile} run of {number} of {whole}"
 
 
 def show(report: MutationReport, console: Console) -> None:
     """Print the figures, the survivors and the problems."""
+    run = about(report.profile, len(report.rows), len(generate()))
     results = mutant_results.MutationResults(
-        inputs=mutant_results.present(), run=about(report), mutants=report.rows
+        inputs=mutant_results.present(), run=run, mutants=report.rows
     )
     console.print(escape(results.summary), soft_wrap=True)
     for o in report.outcomes:
@@ -99,4 +114,4 @@ def show(report: MutationReport, console: Console) -> None:
         console.print(f"[red]Problem[/]     {escape(text)}", soft_wrap=True)
     if not report.complete:
         done = len(report.outcomes)
-        console.print(f"Incomplete: {done} of {report.selected}; repeat the command to continue")
+        console.print(f"Incomplete: {done} of {report.selected}")

@@ -52,11 +52,7 @@ def spec_mutate(
         typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
     ] = None,
     limit: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            help="Use a fixed sample of this size (0 = all mutants).",
-        ),
+        int, typer.Option(min=0, help="Use a fixed sample of this size (0 = all mutants).")
     ] = 260,
     list_: Annotated[
         bool, typer.Option("--list", help="List the mutants without running them.")
@@ -68,11 +64,12 @@ def spec_mutate(
     """Run the models on mutants of the specification.
 
     A mutant is killed when a property is violated in a model that must hold.  Other differences
-    are reported apart.  Results are kept under runs/, so that an interrupted run continues where it
-    stopped.  A mutant that no property kills must be in spec/mutation/no-property.toml with the
-    reason.  A quick run may take hours, a deep one a night.
+    are reported apart.  With --write, each result is written at once and is not found again before
+    the specification, the models or the mutants change, so that a run continues where it stopped.
+    A mutant that no property kills must be in spec/mutation/no-property.toml with the reason.  A
+    quick run may take hours, a deep one a night.
     """
-    from automcm_maintenance.spec_mutation import mutant_results, mutate_commands
+    from automcm_maintenance.spec_mutation import mutate_commands
 
     if profile not in mutate_commands.PROFILES:
         raise typer.BadParameter(unknown(profile, mutate_commands.PROFILES, "profile"))
@@ -84,9 +81,7 @@ def spec_mutate(
             typer.echo(mutate_commands.listed(mutants))
             return
         with progress() as notify:
-            report = mutate_commands.run(profile, mutants, jobs, notify)
-        if write and report.complete:
-            mutant_results.write(mutate_commands.about(report), report.rows)
+            report = mutate_commands.run(profile, mutants, jobs, notify, write)
     if write_json(json_, mutate_commands.as_dict(report)):
         mutate_commands.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
