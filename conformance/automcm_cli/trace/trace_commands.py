@@ -11,7 +11,7 @@ import typer
 from automcm_cli.shared.adapter_options import Limit, WithCommand, command_of
 from automcm_cli.shared.common import Json, Late, code_3, example, say, say_lines, write_json
 from automcm_cli.trace import trace_edit, trace_html, trace_logs, trace_watch
-from automcm_cli.trace.trace_logs import Logs, files_of
+from automcm_cli.trace.trace_logs import Logs, files_of, refuse_given
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support.bad_input import BadInput, at_line
 from automcm_spec.support.collection import uncollected
@@ -118,6 +118,7 @@ def replay(
     from automcm_conformance.report.report import visible
 
     command = command_of(ctx)
+    refuse_given(json_ or out, [log])
     with code_3("replay", BadInput, OSError):
         try:
             result = replay_(log, command, out, limit_s=limit, seed=seed)

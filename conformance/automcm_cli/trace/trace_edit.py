@@ -174,7 +174,7 @@ def itf(
         say(f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True)
         raise typer.Exit(3)
     make = _itf_of if file.suffix == ".ndjson" else _logs_of
-    _write("itf", lambda: make(file), out, json_)
+    _write("itf", lambda: make(file), out, json_, read=[file])
 
 
 def _write(

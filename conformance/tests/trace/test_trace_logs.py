@@ -71,12 +71,10 @@ def test_show_filters_and_counts_cams(folder: Path) -> None:
     assert "CAM ->all" in answer.output and "not shown" not in answer.output
 
 
-REPORTS = [(c, "--json") for c in (*COMMANDS, "explain", "diff", "export", "html", "watch")]
+JSON = [(c, "--json") for c in (*COMMANDS, "explain", "diff", "export", "html", "itf", "watch")]
 
 
-@pytest.mark.parametrize(
-    ("command", "option"), [*REPORTS, ("coverage", "--out"), ("html", "--out")]
-)
+@pytest.mark.parametrize(("command", "option"), [*JSON, ("coverage", "--out"), ("html", "--out")])
 def test_no_log_is_overwritten(command: str, option: str, folder: Path, tmp_path: Path) -> None:
     text = (folder / "1001.ndjson").read_bytes()
     log = tmp_path / "1001.ndjson"

@@ -64,8 +64,8 @@ def spec_mutate(
     """Run the models on mutants of the specification.
 
     A mutant is killed when a property is violated in a model that must hold.  Other differences
-    are reported apart.  With --write, each result is written at once and is not found again before
-    the specification, the models or the mutants change, so that a run continues where it stopped.
+    are reported apart.  With --write, each result is written at once and holds until the
+    specification, the models or the mutants change, so that a run continues where it stopped.
     A mutant that no property kills must be in spec/mutation/no-property.toml with the reason.  A
     quick run may take hours, a deep one a night.
     """
