@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from suite_stage import LIMIT, SHORT
 
 from automcm_conformance.adapter.check_adapter import Checked, check
 from automcm_maintenance.code_mutation import faults
@@ -16,7 +17,7 @@ MISTAKES = faults.load("toy_adapter")
 
 def found(code: str) -> list[Checked]:
     said: list[str] = []
-    limit_s = 0.5 if "sleep" in code else 5
+    limit_s = SHORT if "sleep" in code else LIMIT
     findings = check([sys.executable, "-c", code], limit_s, said.append)
     assert said
     return findings
@@ -57,5 +58,5 @@ def test_an_adapter_that_dies_at_once() -> None:
 
 def test_an_adapter_that_says_nothing() -> None:
     [finding] = found("import time\ntime.sleep(9)")
-    assert finding.what.startswith("no answer within 0.5 s")
+    assert finding.what.startswith(f"no answer within {SHORT:g} s")
     assert '"hello"' in finding.sent
