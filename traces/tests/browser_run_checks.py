@@ -42,8 +42,7 @@ def _until(page: Any, expression: str, most_ms: int = 5000) -> None:
 def losses_are_seen_without_a_click(browser: Browser, folder: Path) -> None:
     """In the row of folded copies, the minimap, the bar of the verdict and the matrix of links."""
     logs = four(folder / "logs", until=9000)
-    found = merge([read(log) for log in logs]).arrows.values()
-    lost = sum(arrow.fate == "lost" for arrows in found for arrow in arrows)
+    lost = sum(a.fate == "lost" for a in merge([read(log) for log in logs]).arrows())
     with browser.page(
         browser.write("loss", *logs), viewport={"width": 1400, "height": 4000}
     ) as page:

@@ -19,22 +19,20 @@ from automcm_spec.vocabulary.messages import BROADCAST, decode
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.system.event_order import Node
 from automcm_traces.system.log_merge import Merged
-from automcm_traces.system.matching import Ledger, Match, Matches
 
 Drop = Callable[[int, int, Any, int], bool]
 """Whether a copy from a station to a station, of a message, at a time, is lost."""
 
 
-def matches_of(merged: Merged) -> dict[Node, Match]:
-    """The transmission of each reception."""
-    matches = Matches([Ledger.of(log) for log in merged.logs])
+def matches_of(merged: Merged) -> dict[Node, tuple[Node, Node]]:
+    """The transmission of each reception, and the first that it can have been."""
     return {
-        (i, k): match
+        (i, k): match[:2]
         for i, log in enumerate(merged.logs)
         for n, k in enumerate(
             k for k, (_, e) in enumerate(log.events) if isinstance(e, Receive) and e.message
         )
-        if (match := matches.match(i, n)) is not None
+        if (match := merged.matches.match(i, n))
     }
 
 

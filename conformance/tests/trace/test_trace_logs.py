@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_each_names_what_it_cannot_read(command: str, tmp_path: Path) -> None:
+def test_each_names_what_it_cannot_read(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What a wrong file is named for is in test_reader."""
     (tmp_path / "image").write_bytes(b"\x89PNG\r\n\x1a\n\x00")
     for name, problem in (
@@ -33,6 +36,9 @@ def test_each_names_what_it_cannot_read(command: str, tmp_path: Path) -> None:
         assert answer.exit_code == 3 and problem in answer.output
         assert str(tmp_path) in answer.output
     assert automcm("trace", command).exit_code == 2
+    monkeypatch.setattr(os, "access", lambda path, mode: path == tmp_path)
+    (tmp_path / "sub").mkdir()
+    assert "sub: cannot be read" in automcm("trace", command, tmp_path).output
 
 
 def test_lint_tells_all_and_as_json(folder: Path, tmp_path: Path) -> None:

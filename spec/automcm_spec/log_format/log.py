@@ -272,7 +272,7 @@ class EventBase:
 
     _plain = model_validator(mode="before")(_without_vendor_fields)
     rec: Literal["event"]
-    seq: Annotated[Positive, Field(description="From 1 by one; the only order within a station.")]
+    seq: Annotated[Positive, Field(description="Counts from 1; the only order within a station.")]
     t_ms: Annotated[Natural, Field(description="Monotonic time in milliseconds; never decreases.")]
     rule: Annotated[Name | None, Field(description="The deciding rule: an untrusted hint.")] = None
     phase: Annotated[Name | None, Field(description="The station's phase after the step.")] = None

@@ -1,5 +1,6 @@
 """Reads logs, and describes in one line why a log cannot be read."""
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -147,13 +148,16 @@ def logs_below(paths: Iterable[Path]) -> list[Path]:
     """The logs that ``paths`` name. A folder stands for all ``.ndjson`` files below it, sorted by
     name.
 
-    Raises BadInput for a folder that contains none.
+    Raises BadInput for a folder that contains none or cannot be read.
     """
     found: list[Path] = []
     for path in paths:
         if not path.is_dir():
             found.append(path)
             continue
+        for folder in (path, *path.rglob("*/")):
+            if not os.access(folder, os.R_OK | os.X_OK):
+                raise BadInput(folder, 0, "", "cannot be read")
         below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
         if not below:
             raise BadInput(path, 0, "", "contains no log (*.ndjson)")

@@ -51,7 +51,7 @@ from automcm_traces.checker.track import (
 
 NOTHING = "no further effect"
 """The expected effect of a step whose effects have all been observed."""
-REMEMBERED = 20_000
+REMEMBERED = 4_000
 """The maximum number of answers of the specification kept in memory."""
 NO_OP_CAMS = 1000
 """The maximum number of cached steps for CAMs that change nothing."""

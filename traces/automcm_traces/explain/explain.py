@@ -18,7 +18,6 @@ from automcm_spec.log_format.log import Event, Header, Receive, Send, Timer, Tim
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
-from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
@@ -258,10 +257,10 @@ def judged_log(
     late_ms: int | None = None,
     keep: bool = True,
     watchers: Sequence[Watcher] = (),
-    messages: dict[str, Fields] | None = None,
+    known: dict[str, Send | Receive] | None = None,
 ) -> JudgedLog:
     """Read and check a file; with ``keep``, keep its events and its timeline, and take equal
-    messages from ``messages``: those of the logs before, by ``tx``."""
+    messages from ``known``: events of the logs before, by ``tx``."""
     try:
         stream = LogStream(path)
     except BadInput as error:
@@ -269,21 +268,22 @@ def judged_log(
     if not keep:
         return JudgedLog(path, explain(stream, late_ms, watchers))
     recorder, events = Recorder(stream), list[tuple[int, Event]]()
-    kept = _kept(stream, events, {} if messages is None else messages)
+    kept = _kept(stream, events, {} if known is None else known)
     verdict = explain(stream, late_ms, [recorder, *watchers], kept)
     return JudgedLog(path, verdict, stream.log(events), stream.complete, recorder.made)
 
 
 def _kept(
-    stream: LogStream, events: list[tuple[int, Event]], messages: dict[str, Fields]
+    stream: LogStream, events: list[tuple[int, Event]], known: dict[str, Send | Receive]
 ) -> Iterator[tuple[int, Event]]:
-    """The events of a log, which are kept, with equal messages and timers in memory once."""
+    """The events of a log, which are kept, with equal messages, names and timers in memory once."""
     timers: dict[Timer, Timer] = {}
     for line, event in stream:
         if isinstance(event, Receive | Send) and event.tx and event.message:
-            known = messages.setdefault(event.tx, event.message)
-            if known is not event.message and to_json(known) == to_json(event.message):
-                object.__setattr__(event, "message", known)  # equal JSON
+            first = known.setdefault(event.tx, event)
+            if first is not event and to_json(first.message) == to_json(event.message):
+                object.__setattr__(event, "message", first.message)  # equal JSON
+                object.__setattr__(event, "tx", first.tx)
         elif isinstance(event, TimerArm | TimerEnd):
             object.__setattr__(event, "timer", timers.setdefault(event.timer, event.timer))
         events.append((line, event))
@@ -292,8 +292,8 @@ def _kept(
 
 def judged_logs(paths: Sequence[Path], late_ms: int | None = None) -> list[JudgedLog]:
     """Read and check files. Several logs are kept, with equal messages in memory once."""
-    messages: dict[str, Fields] = {}
-    return [judged_log(path, late_ms, len(paths) > 1, messages=messages) for path in paths]
+    known: dict[str, Send | Receive] = {}
+    return [judged_log(path, late_ms, len(paths) > 1, known=known) for path in paths]
 
 
 def verdict_of(path: Path, late_ms: int | None = None) -> Verdict:

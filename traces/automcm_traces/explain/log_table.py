@@ -103,7 +103,7 @@ class Logs:
                 continue
             arrows = fates.arrows((i, k), row.event)
             plain = tuple(arrow.plain for arrow in arrows)
-            yield head(_noted(row, plain, fates, i), (i, k), row.event, arrows)
+            yield head(_noted(row, plain, fates), (i, k), row.event, arrows)
             k, t_ms = k + 1, row.event.t_ms
 
     def filtered(self, wanted: Filter, last: int = 0) -> Iterable[TableRow]:
@@ -161,11 +161,11 @@ def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, TableRow]]:
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}
 
 
-def _noted(row: TableRow, arrows: tuple[Arrow, ...], fates: Fates, i: int) -> TableRow:
+def _noted(row: TableRow, arrows: tuple[Arrow, ...], fates: Fates) -> TableRow:
     """The row with the fates of its message."""
     if isinstance(row.event, Send):
         notes = [f"{_MARKS[a.fate]}{a.to}" for a in arrows if a.fate in _MARKS]
-        notes += [f"!{to}" for to in fates.rejecters(i, row.event)]
+        notes += [f"!{to}" for to in fates.rejecters]
         return replace(row, notes=tuple(notes), arrows=arrows)
     if not isinstance(row.event, Receive):
         return row

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
-from itertools import chain
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
@@ -66,8 +65,7 @@ def drawing(
     With ``absolute``, times are those of the logs, each on its own clock. With ``unfold``, each
     copy of a message is an arrow.
     """
-    every = chain.from_iterable(merged.arrows.values())
-    arrows = [a for a in every if a.fate == "rejected" or not _event(merged, a).is_cam]
+    arrows = [a for a in merged.arrows() if a.fate == "rejected" or not _event(merged, a).is_cam]
     named = {station for a in arrows for station in (a.source, a.to)}
     stations = sorted({*merged.stations, *named} - {ANYONE})
     phases = _phases(merged)

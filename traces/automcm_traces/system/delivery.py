@@ -5,89 +5,56 @@ from __future__ import annotations
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from itertools import chain
-from typing import NamedTuple
 
-from automcm_spec.log_format.log import Receive, Send
+from automcm_spec.log_format.log import Receive
 from automcm_spec.vocabulary.messages import Fields, same
 from automcm_traces.checker.finding import Finding, Where
 from automcm_traces.system.event_order import Node
-from automcm_traces.system.fates import ANYONE, FATES, Fate, addressees
-from automcm_traces.system.log_merge import Merged, sends
+from automcm_traces.system.fates import ANYONE, FATES, Fate, Fates, addressees
+from automcm_traces.system.log_merge import Merged
 
 
-class Forged(NamedTuple):
-    """A received message that nobody can have sent, and the reason."""
-
-    at: Node
-    where: str
-    message: str
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: FORGED {self.message}: {self.why}"
+def outcomes(merged: Merged) -> Iterator[tuple[Node, int, Fate]]:
+    """Each transmission, by sender and line, with each addressee and what became of it there; a
+    broadcast has an outcome for each other station with a log."""
+    stations, fates = merged.stations, Fates(merged.matches)
+    for i, ledger in enumerate(merged.matches.ledgers):
+        for n, (k, t_ms) in enumerate(zip(ledger.sent.at, ledger.sent.times, strict=True)):
+            for to in addressees(stations[i], merged.message((i, k)), stations):
+                yield (i, k), to, fates.outcome(i, n, t_ms, to)
 
 
-class Deliveries:
-    """The fates of all transmissions in merged logs."""
-
-    def __init__(self, merged: Merged) -> None:
-        self._merged = merged
-        self.outcomes: dict[tuple[Node, int], Fate] = {}
-        """By transmission and addressee, sorted by sender and line; a broadcast has an outcome for
-        each other station with a log."""
-        self.forged = [_forged(merged, node) for node in merged.forged]
-        """Received messages that nobody can have sent."""
-        fates: dict[tuple[Node | None, int], Fate] = {}
-        came = Counter[tuple[Node | None, int]]()
-        for arrow in chain.from_iterable(merged.arrows.values()):
-            way = arrow.leaves, arrow.to
-            fates.setdefault(way, arrow.fate)
-            came[way] += arrow.fate != "rejected" and arrow.arrives is not None
-        for node, sent in sends(merged):
-            for to in addressees(merged.stations[node[0]], sent.message, merged.stations):
-                way = node, to
-                n = came[way]
-                self.outcomes[way] = "duplicated" if n > 1 else "delivered" if n else fates[way]
-
-    def counts(self) -> dict[str, dict[str, int]]:
-        """By ``SRC-DST``, how often each outcome occurred, including CAMs."""
-        found: dict[str, Counter[str]] = defaultdict(Counter)
-        for ((i, _), to), outcome in self.outcomes.items():
-            if to != ANYONE:
-                found[f"{self._merged.stations[i]}-{to}"][outcome] += 1
-        return {way: {o: n[o] for o in FATES if n[o]} for way, n in sorted(found.items())}
-
-    def between(
-        self, src: int, dst: int, first: int = 0, last: int | None = None, type_: str = ""
-    ) -> Counter[str]:
-        """The outcomes of the messages that ``src`` sent to ``dst`` in its events ``first`` to
-        ``last``."""
-        place, found = self._merged.place(src), Counter[str]()
-        for ((i, k), to), outcome in self.outcomes.items():
-            if (i, to) == (place, dst) and first <= k and (last is None or k <= last):
-                event = self._merged.event((i, k))
-                if isinstance(event, Send) and type_ in ("", event.message["type"]):
-                    found[outcome] += 1
-        return found
+def counts(merged: Merged) -> dict[str, dict[str, int]]:
+    """By ``SRC-DST``, how often each outcome occurred, including CAMs."""
+    found: dict[str, Counter[str]] = defaultdict(Counter)
+    for (i, _), to, outcome in outcomes(merged):
+        if to != ANYONE:
+            found[f"{merged.stations[i]}-{to}"][outcome] += 1
+    return {way: {o: n[o] for o in FATES if n[o]} for way, n in sorted(found.items())}
 
 
-def _forged(merged: Merged, node: Node) -> Forged:
-    e = merged.event(node)
-    assert isinstance(e, Receive) and e.message is not None, "only received messages are forged"
-    text = f"{e.message['type']} from {e.message.get('src')}" + (f", tx {e.tx}" if e.tx else "")
-    return Forged(node, merged.where(node), text, merged.forged[node])
+def named(merged: Merged, node: Node) -> str:
+    """A received message, as text."""
+    m, e = merged.message(node), merged.event(node)
+    tx = f", tx {e.tx}" if isinstance(e, Receive) and e.tx else ""
+    return f"{m['type']} from {m.get('src')}{tx}"
+
+
+def forged(merged: Merged) -> tuple[str, ...]:
+    """A line for each received message that nobody can have sent."""
+    found = merged.forged.items()
+    return tuple(f"{merged.where(at)}: FORGED {named(merged, at)}: {why}" for at, why in found)
 
 
 def forged_receptions(merged: Merged) -> dict[str, Finding]:
     """By file: the first received message that differs from the message its sender logged under the
     same ``tx``."""
-    sent = {e.tx: e.message for _, e in reversed([*sends(merged)])}
     found: dict[str, Finding] = {}
     for i, k in merged.forged:
         (at, e), file = merged.logs[i].events[k], merged.logs[i].file
         if isinstance(e, Receive) and e.tx is not None and file not in found:
-            m, original = e.message or {}, sent.get(e.tx)
+            m, sent = e.message or {}, merged.matches.find(e.tx)
+            original = None if sent is None else merged.message(sent)
             why = "its sender did not send it"
             if original:
                 why = "that transmission was another message"

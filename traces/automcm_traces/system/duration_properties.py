@@ -57,9 +57,9 @@ def sendings(log: Log) -> Iterator[Checked]:
     most, timed = giveup // resend, False
     count: Counter[str] = Counter()
     for line, e in log.events:
-        if e.is_input:
-            timed = isinstance(e, TimerEnd) and e.timer.name == "resend"
         if not isinstance(e, Send):
+            if e.is_input:
+                timed = isinstance(e, TimerEnd) and e.timer.name == "resend"
             continue
         m = e.message
         if m["type"] not in RELIABLE or not m.get("seq"):

@@ -57,8 +57,8 @@ class Ordered(Generic[Item]):
         """The number of its items so far."""
         self._waiting: list[set[int]] = [set() for _ in feeds]
         """The logs that cannot go on before this one does."""
-        self._heap: list[tuple[int, int, int]] = []
-        """Time, log, and number of the items before it: those that can come next."""
+        self._heap: list[tuple[int, int, int, tuple[Node, ...]]] = []
+        """Time, log, number of the items before it, and row: those that can come next."""
         for i in range(len(feeds)):
             self._offer(i)
 
@@ -66,12 +66,13 @@ class Ordered(Generic[Item]):
         """Queue the next item of a log, if it can come now."""
         if self._heads[i] is None:
             return
-        blocker = self._blocker(i)
+        row = self._row(i)
+        blocker = self._blocker(row)
         if blocker is not None:
             self._waiting[blocker].add(i)
             return
-        first = self._row(i)[0][0]
-        heapq.heappush(self._heap, (self._clock(first), first, self._taken[first]))
+        first = row[0][0]
+        heapq.heappush(self._heap, (self._clock(first), first, self._taken[first], row))
 
     def __iter__(self) -> Iterator[tuple[Item, ...]]:
         while True:
@@ -84,9 +85,9 @@ class Ordered(Generic[Item]):
                     others.clear()
                 for i in sorted(stuck):
                     self._offer(i)
-            _, first, taken = heapq.heappop(self._heap)
+            _, first, taken, row = heapq.heappop(self._heap)
             if taken == self._taken[first]:  # else it was offered by both logs of a pair
-                yield self._take(self._row(first))
+                yield self._take(row)
 
     def _take(self, row: tuple[Node, ...]) -> tuple[Item, ...]:
         logs = [i for i, _ in row]
@@ -94,12 +95,13 @@ class Ordered(Generic[Item]):
             self._ahead[logs[1]] += self._clock(logs[1]) - self._clock(logs[0])
         items, woken = [], set(logs)
         for i in logs:
-            items.append(self._head(i).item)
-            self._at[i] += not self._head(i).note
+            head = self._head(i)
+            items.append(head.item)
+            self._at[i] += not head.note
             self._taken[i] += 1
             self._heads[i] = next(self._feeds[i], None)
             woken |= self._waiting[i]
-            self._waiting[i] = set()
+            self._waiting[i].clear()
         for i in sorted(woken):
             self._offer(i)
         return tuple(items)
@@ -123,9 +125,9 @@ class Ordered(Generic[Item]):
         needs = self._head(i).needs
         return None if needs is None or self._at[needs[0]] > needs[1] else needs
 
-    def _blocker(self, i: int) -> int | None:
-        """The log that must go on before the next item of this log can come."""
-        for j, k in self._row(i):
+    def _blocker(self, row: tuple[Node, ...]) -> int | None:
+        """The log that must go on before a row can come."""
+        for j, k in row:
             if self._at[j] < k:
                 return j
             if (missing := self._missing(j)) is not None:
@@ -137,7 +139,7 @@ class Ordered(Generic[Item]):
         chain: list[int] = []
         while i not in chain and self._heads[i] is not None:
             chain.append(i)
-            blocker = self._blocker(i)
+            blocker = self._blocker(self._row(i))
             assert blocker is not None, "the log waits"
             i = blocker
         circle = chain[chain.index(i) :] if i in chain else chain[-1:]

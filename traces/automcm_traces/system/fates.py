@@ -83,6 +83,8 @@ class Fates:
         self._matches = matches
         self.forged: dict[Node, str] = {}
         """Why certain received messages cannot have been sent."""
+        self.rejecters: list[int] = []
+        """The addressees that rejected the last sent message and received no copy of it."""
         self._sent, self._received = [0] * len(matches.ledgers), [0] * len(matches.ledgers)
         """The number of messages so far, by log."""
         self._copies: dict[tuple[int, int], Numbers] = defaultdict(Numbers)
@@ -99,15 +101,14 @@ class Fates:
         arrow = self._arrow_of(node, event) if isinstance(event, Receive) else None
         return () if arrow is None else (arrow,)
 
-    def rejecters(self, i: int, event: Send) -> list[int]:
-        """The addressees that rejected the last message of a log and received no copy of it."""
-        n, stations = self._sent[i] - 1, self._matches.stations
-        found = []
-        for to in addressees(stations[i], event.message, stations):
-            log = self._log(to) if to in self._matches.places else None
-            if log is not None and n in log.refused[i] and n not in log.arrived[i]:
-                found.append(to)
-        return found
+    def outcome(self, i: int, n: int, t_ms: int, to: int) -> Fate:
+        """What became of the ``n``-th transmission of a log, at ``t_ms``, for an addressee."""
+        log = self._log(to) if to in self._matches.places else None
+        if log is not None and n in log.arrived[i]:
+            return "duplicated" if n in log.again[i] else "delivered"
+        if log is not None and n in log.refused[i]:
+            return "rejected"
+        return self._not_received(i, t_ms, to)
 
     def _log(self, station: int) -> Ledger:
         return self._matches.ledgers[self._matches.places[station]]
@@ -116,11 +117,14 @@ class Fates:
         """The arrows of a sent message to the addressees that never received it."""
         i, n = node[0], self._sent[node[0]]
         self._sent[i] += 1
-        me, places = self._matches.stations[i], self._matches.places
+        self.rejecters = []
+        me = self._matches.stations[i]
         for to in addressees(me, event.message, self._matches.stations):
-            log = self._log(to) if to in places else None
-            if log is None or (n not in log.arrived[i] and n not in log.refused[i]):
-                yield Arrow(me, to, self._not_received(i, event.t_ms, to), node)
+            fate = self.outcome(i, n, event.t_ms, to)
+            if fate == "rejected":
+                self.rejecters.append(to)
+            elif fate not in ("delivered", "duplicated"):
+                yield Arrow(me, to, fate, node)
 
     def _not_received(self, i: int, t_ms: int, to: int) -> Fate:
         """The fate of a message that its addressee's log does not contain."""
@@ -149,11 +153,12 @@ class Fates:
         if match is None:
             unmatched = self._unmatched(node, m, tx)
             return None if unmatched is None else Arrow(source_of(m), me, unmatched, None, node)
-        source = self._matches.stations[match.sent[0]]
+        sent, _, again = match
+        source = self._matches.stations[sent[0]]
         to = m.get("dst", 0)
         addressed = to == me or type(to) is not int or to <= 0
-        fate: Fate = "duplicated" if match.again else "delivered" if addressed else "overheard"
-        return None if source == me else Arrow(source, me, fate, match.sent, node)
+        fate: Fate = "duplicated" if again else "delivered" if addressed else "overheard"
+        return None if source == me else Arrow(source, me, fate, sent, node)
 
     def _unmatched(self, node: Node, m: Fields, tx: str | None) -> Fate | None:
         """The fate of a message whose transmission is not logged; None for an echo."""

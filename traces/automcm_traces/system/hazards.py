@@ -11,6 +11,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
@@ -18,6 +19,7 @@ from typing import Literal
 from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.parameters import DEFAULTS
+from automcm_traces.system.delivery import outcomes
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.timeline import Moment, Period, Session
 from automcm_traces.system.world import World
@@ -359,7 +361,13 @@ class _Acting:
 def _count(
     world: World, src: int, dst: int, first: int, last: int | None, type_: str, when: str
 ) -> str:
-    n = world.deliveries.between(src, dst, first, last, type_)
+    merged, way = world.merged, (world.merged.place(src), dst)
+    n = Counter(
+        outcome
+        for (i, k), to, outcome in outcomes(merged)
+        if (i, to) == way and first <= k and (last is None or k <= last)
+        if merged.message((i, k))["type"] == type_
+    )
     sent = sum(n.values())
     arrived = n["delivered"] + n["duplicated"]
     return f"{sent} {type_}s of {src} to {dst}{when}: {arrived} arrived"

@@ -7,13 +7,15 @@ order here, but stand in one possible order (``event_order``).
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import count, pairwise, repeat
 
 from automcm_spec.log_format.log import Event, Receive, Send
 from automcm_spec.log_format.reader import Log
+from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Head, Node, Ordered
 from automcm_traces.system.fates import Arrow, Fates, head
 from automcm_traces.system.log_clocks import Clocks
@@ -32,24 +34,34 @@ class Merged:
     stations: list[int]
     """The stations of the logs, in order."""
     clocks: Clocks
-    nodes: list[list[Node]]
-    """For each log, the nodes of its events."""
-    arrows: dict[Node, tuple[Arrow, ...]] = field(default_factory=dict)
-    """The messages that arrive at an event, or leave there and arrive nowhere."""
+    matches: Matches
     forged: dict[Node, str] = field(default_factory=dict)
     """Why certain received messages cannot have been sent."""
     notices: list[str] = field(default_factory=list)
-    order: list[Node] = field(default_factory=list)
-    """All events in the order of ``event_order``."""
     cycles: list[str] = field(default_factory=list)
     """Cycles of messages that were received before they were sent, one line each."""
-    _past: list[tuple[list[int], list[tuple[int, ...]]]] = field(default_factory=list)
-    """For each log, the events that depend on others, and what they depend on (``_known``)."""
+    _turns: array[int] = field(default_factory=lambda: array("L"))
+    """The log of each event, in the order of ``event_order``."""
+    _past: list[tuple[array[int], array[int]]] = field(default_factory=list)
+    """For each log, the events that depend on others, and what each depends on (``_known``)."""
 
     @property
     def run(self) -> str:
         """The name of the run, equal in all logs."""
         return self.logs[0].header.run
+
+    @property
+    def order(self) -> list[Node]:
+        """All events in the order of ``event_order``."""
+        at = [count() for _ in self.logs]
+        return [(i, next(at[i])) for i in self._turns]
+
+    def arrows(self) -> Iterator[Arrow]:
+        """The messages, log by log: each where it arrives, or else where it leaves."""
+        fates = Fates(self.matches)
+        for i, log in enumerate(self.logs):
+            for k, (_, event) in enumerate(log.events):
+                yield from fates.arrows((i, k), event)
 
     def place(self, station: int) -> int:
         """The index of the log of a station that has one."""
@@ -58,6 +70,12 @@ class Merged:
     def event(self, node: Node) -> Event:
         """The event of a node."""
         return self.logs[node[0]].events[node[1]][1]
+
+    def message(self, node: Node) -> Fields:
+        """The message of an event."""
+        event = self.event(node)
+        assert isinstance(event, Send | Receive) and event.message is not None
+        return event.message
 
     def where(self, node: Node) -> str:
         """``FILE:LINE`` of an event."""
@@ -69,37 +87,40 @@ class Merged:
         ``b``."""
         return a[1] < (b[1] if a[0] == b[0] else self._known(b)[a[0]])
 
-    def feed(self, i: int) -> Iterator[Head[Node]]:
+    def feed(self, i: int, fates: Fates) -> Iterator[Head[Node]]:
         """The events of a log, as ``Ordered`` takes them."""
-        for node, (_, event) in zip(self.nodes[i], self.logs[i].events, strict=True):
-            yield head(node, node, event, self.arrows.get(node, ()))
+        for k, (_, event) in enumerate(self.logs[i].events):
+            node = i, k
+            yield head(node, node, event, fates.arrows(node, event))
 
-    def _known(self, node: Node) -> tuple[int, ...]:
+    def _known(self, node: Node) -> Sequence[int]:
         """For each log, the number of its events that this event depends on."""
-        places, known = self._past[node[0]]
-        at = bisect_right(places, node[1]) - 1
-        return known[at] if at >= 0 else (0,) * len(self.logs)
+        (places, known), logs = self._past[node[0]], len(self.logs)
+        end = bisect_right(places, node[1]) * logs
+        return known[end - logs : end] if end else [0] * logs
 
-    def _line_up(self, matches: Matches) -> None:
+    def _line_up(self) -> None:
         """Order the events, and record the events of other stations that each depends on."""
-        feeds = [self.feed(i) for i in range(len(self.logs))]
-        self._past = [([], []) for _ in self.logs]
+        fates = Fates(self.matches)
+        feeds = [self.feed(i, fates) for i in range(len(self.logs))]
+        self._past = [(array("L"), array("L")) for _ in self.logs]
         at, received = [0] * len(self.logs), [0] * len(self.logs)
-        for (node,) in Ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
-            self.order.append(node)
-            at[node[0]] += 1
-            event = self.event(node)
+        for ((i, k),) in Ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
+            self._turns.append(i)
+            at[i] += 1
+            event = self.logs[i].events[k][1]
             if not isinstance(event, Receive) or event.message is None:
                 continue
-            match = matches.match(node[0], received[node[0]])
-            received[node[0]] += 1
-            if match is None or at[match.first[0]] <= match.first[1]:
+            match = self.matches.match(i, received[i])
+            received[i] += 1
+            if match is None or at[match[1][0]] <= match[1][1]:
                 continue  # it depends on no other, or is part of a cycle
-            pairs = zip(self._known(node), self._known(match.first), strict=True)
-            known = [max(a, b) for a, b in pairs]
-            known[match.first[0]] = max(known[match.first[0]], match.first[1] + 1)
-            self._past[node[0]][0].append(node[1])
-            self._past[node[0]][1].append(tuple(known))
+            first = match[1]
+            known = array("L", map(max, self._known((i, k)), self._known(first)))
+            known[first[0]] = max(known[first[0]], first[1] + 1)
+            self._past[i][0].append(k)
+            self._past[i][1].extend(known)
+        self.forged = dict(sorted(fates.forged.items()))
 
     def _cycle(self, circle: list[tuple[Node, Node]]) -> None:
         parts = [f"{self.where(a)} receives the message of {self.where(b)}" for a, b in circle]
@@ -127,36 +148,24 @@ def merge(logs: Sequence[Log]) -> Merged:
                 f"{other.file}: is of station {one.header.station}, as is {one.file}; "
                 "give one log per station"
             )
-    matches = Matches([Ledger.of(log) for log in inputs])
-    nodes = [[(i, k) for k in range(len(log.events))] for i, log in enumerate(inputs)]
-    merged = Merged(inputs, matches.stations, matches.clocks, nodes)
+    matches = Matches([*map(Ledger.of, inputs, repeat({}))])
+    merged = Merged(inputs, matches.stations, matches.clocks, matches)
     merged.notices += _repeated(merged)
     if matches.guessed:
         merged.notices.append(
             f"{matches.guessed} received messages name no transmission: matched by sender and "
             "content, so of equal copies the latest that was sent before counts as received"
         )
-    fates = Fates(matches)
-    for own, log in zip(nodes, inputs, strict=True):
-        for node, (_, event) in zip(own, log.events, strict=True):
-            if arrows := fates.arrows(node, event):
-                merged.arrows[node] = arrows
-    merged.forged = fates.forged
-    merged._line_up(matches)
+    merged._line_up()
     return merged
 
 
 def _repeated(merged: Merged) -> Iterator[str]:
     """A notice for each transmission that takes the ``tx`` of another."""
-    first: dict[tuple[int, str], Node] = {}
-    for node, event in sends(merged):
-        if (was := first.setdefault((node[0], event.tx), node)) != node:
-            yield f"{merged.where(node)}: tx {event.tx} repeats {merged.where(was)}"
-
-
-def sends(merged: Merged) -> Iterator[tuple[Node, Send]]:
-    """Every transmission, station by station."""
-    for i, log in enumerate(merged.logs):
-        for k, (_, e) in enumerate(log.events):
-            if isinstance(e, Send):
-                yield (i, k), e
+    for i, ledger in enumerate(merged.matches.ledgers):
+        at = ledger.sent.at
+        for n, number in enumerate(ledger.sent.numbers):
+            if (first := ledger.sent.find(number)) != n and first is not None:
+                was = merged.where((i, at[first]))
+                tx = f"{ledger.header.station}:{number}"
+                yield f"{merged.where((i, at[n]))}: tx {tx} repeats {was}"

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from hashlib import blake2b
 from itertools import pairwise
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
-from typing import NamedTuple
 
 from automcm_spec.log_format.log import Event, Header, Receive, Send, transmission
 from automcm_spec.log_format.number_sets import Numbers
@@ -57,13 +56,12 @@ class Messages:
         self._places: dict[int, int] = {}
         self._copies: dict[int, list[int]] = {}
 
-    def add(self, at: int, number: int, t_ms: int, message: Fields) -> None:
+    def add(self, at: int, number: int, t_ms: int, digest: int) -> None:
         """Add the message of an event."""
-        digest = blake2b(content(message).encode("utf-8", "surrogatepass"), digest_size=8).digest()
         self.at.append(at)
         self.numbers.append(number)
         self.times.append(t_ms)
-        self.digests.append(int.from_bytes(digest, "big"))
+        self.digests.append(digest)
 
     def find(self, number: int) -> int | None:
         """The index of the first message with this number."""
@@ -88,8 +86,9 @@ class Messages:
 class Ledger:
     """What matching needs of one log, and what the log promises to contain."""
 
-    def __init__(self, file: str, header: Header) -> None:
+    def __init__(self, file: str, header: Header, digests: dict[int, int] | None) -> None:
         self.file, self.header = file, header
+        self._digests = digests
         self.sends = self.receives = False
         """Whether it contains all messages sent, or received, from its first to its last event."""
         self.ended = True
@@ -105,14 +104,17 @@ class Ledger:
         """Of each rejected datagram, the sender and the number in its tx."""
         self.arrived: dict[int, Numbers] = defaultdict(Numbers)
         """By log, which of its sent messages this log shows as received."""
+        self.again: dict[int, Numbers] = defaultdict(Numbers)
+        """By log, which of its sent messages this log shows as received more than once."""
         self.refused: dict[int, Numbers] = defaultdict(Numbers)
         """By log, which of its sent messages this log shows as rejected."""
         self._events = 0
 
     @staticmethod
-    def of(log: Log | LogStream) -> Ledger:
-        """The ledger of a log, up to where it is readable; it promises nothing after a gap."""
-        made = Ledger(log.file, log.header)
+    def of(log: Log | LogStream, digests: dict[int, int] | None = None) -> Ledger:
+        """The ledger of a log, up to where it is readable; it promises nothing after a gap.
+        ``digests`` are those of messages in memory, by identity: logs of a run share them."""
+        made = Ledger(log.file, log.header, digests)
         lost: int | None = None  # the number of lost records in the end record
         try:
             for _, event in log:
@@ -150,32 +152,31 @@ class Ledger:
         """Add the next event of the log."""
         at, self._events = self._events, self._events + 1
         if isinstance(event, Send):
-            self.sent.add(at, transmission(event.tx)[1], event.t_ms, event.message)
+            number = transmission(event.tx)[1]
+            self.sent.add(at, number, event.t_ms, self._digest(event.message))
         elif not isinstance(event, Receive):
             return
         elif event.message is not None:
-            sender = sender_of(event.message, event.tx)
-            known = sender is not None and 0 < sender < NO_TX
-            self.senders.append(sender if sender is not None and known else NOBODY)
-            number = NO_TX if event.tx is None else transmission(event.tx)[1]
-            self.received.add(at, number, event.t_ms, event.message)
+            named = (None, NO_TX) if event.tx is None else transmission(event.tx)
+            sender, number = named[0] or sender_of(event.message, None) or NOBODY, named[1]
+            self.senders.append(sender if 0 < sender < NO_TX else NOBODY)
+            self.received.add(at, number, event.t_ms, self._digest(event.message))
         elif event.rejected is not None and event.tx is not None:
             self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))
+
+    def _digest(self, message: Fields) -> int:
+        known = None if self._digests is None else self._digests.get(id(message))
+        if known is not None:
+            return known
+        text = content(message).encode("utf-8", "surrogatepass")
+        digest = int.from_bytes(blake2b(text, digest_size=8).digest(), "big")
+        if self._digests is not None:
+            self._digests[id(message)] = digest
+        return digest
 
 
 def _has_gap(log: Log | LogStream) -> bool:
     return isinstance(log, LogStream) and log.gap is not None
-
-
-class Match(NamedTuple):
-    """The transmission of a received message."""
-
-    sent: Node
-    """The transmission; of equal copies without ``tx``, the latest possible one."""
-    first: Node
-    """The first possible transmission, which certainly came before the reception."""
-    again: bool
-    """Whether another copy of this transmission was received before."""
 
 
 UNMATCHED, MATCHED, AGAIN, SURE = 0, 1, 2, 4
@@ -204,15 +205,16 @@ class Matches:
             self._refuse(j, ledger)
             ledger.received, ledger.rejected = Messages(), array("Q")  # no longer needed
 
-    def match(self, j: int, n: int) -> Match | None:
-        """The match of the ``n``-th received message of a log; None if there is none."""
+    def match(self, j: int, n: int) -> tuple[Node, Node, bool] | None:
+        """The transmission of the ``n``-th received message of a log: of equal copies without
+        ``tx``, the latest and the first possible one, which certainly came before; and whether
+        another copy of it was received before."""
         flags = self._flags[j][n]
         if flags == UNMATCHED:
             return None
         i = self.places[self.ledgers[j].senders[n]]
         at = self.ledgers[i].sent.at
-        sent, first = (i, at[self._sent[j][n]]), (i, at[self._first[j][n]])
-        return Match(sent, first, bool(flags & AGAIN))
+        return (i, at[self._sent[j][n]]), (i, at[self._first[j][n]]), bool(flags & AGAIN)
 
     def find(self, tx: str) -> Node | None:
         """The first transmission with this ``tx``; None if no log has one."""
@@ -258,6 +260,7 @@ class Matches:
             self._sent[j][n] = k
             if not ledger.arrived[i].add(k):
                 flags[n] |= AGAIN
+                ledger.again[i].add(k)
 
     def _refuse(self, j: int, ledger: Ledger) -> None:
         for sender, number in zip(ledger.rejected[::2], ledger.rejected[1::2], strict=True):

@@ -18,6 +18,7 @@ from typing import Literal
 from automcm_spec.log_format.reader import Log
 from automcm_spec.support.bad_input import printable
 from automcm_traces.system import duration_properties
+from automcm_traces.system.delivery import counts, forged
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard
 from automcm_traces.system.log_merge import Merged, MergeError, merge
@@ -135,8 +136,8 @@ class SystemReport:
         }[self.verdict]
         zero = start_ms or {}
         lines = [f"session {stay.text(zero.get(stay.file, 0))}" for stay in self.sessions]
-        for way, counts in self.deliveries.items() if matrix else ():
-            texts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
+        for way, found in self.deliveries.items() if matrix else ():
+            texts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in found.items())
             lines.append(f"messages {way}: {texts}")
         lines += [f"note: {notice}" for notice in self.notices]
         held = [j.property for j in self.properties if j.outcome == "holds"]
@@ -188,10 +189,10 @@ def judge_merged(merged: Merged, timelines: Mapping[str, Timeline] | None = None
         "",
         tuple(judged),
         tuple(hazards),
-        tuple(str(f) for f in world.deliveries.forged),
+        forged(merged),
         tuple(world.merged.cycles),
         tuple(_sessions(world)),
-        world.deliveries.counts(),
+        counts(merged),
         (*world.merged.notices, *world.clocks.notices, *_unequal(world)),
     )
 

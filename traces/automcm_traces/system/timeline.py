@@ -158,7 +158,8 @@ class Recorder(Watcher):
         if step.moves:
             kept = {id(e) for e in t.outbox}
             gone = [e for e in self._outbox if id(e) not in kept]
-            self._outbox, self._own = list(t.outbox), _own(t.state)
+            self._outbox, own = list(t.outbox), _own(t.state)
+            self._own = self._own if own == self._own else own
         event = step.event
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
@@ -198,7 +199,7 @@ class Recorder(Watcher):
         if check.unpromised or check.lost:
             missing = f"`complete` in its header lacks {', '.join(check.unpromised)}"
             why = missing if check.unpromised else f"it lost {check.lost} records"
-            problem, line = cannot_tell(made.file, 0, why), 0
+            problem, line = cannot_tell(made.file, 1, why), 1
             made.moments.clear()
             self._known = 0, 0, 0
         if problem.kind == "cannot_tell":

@@ -10,7 +10,7 @@ from itertools import takewhile
 from automcm_spec.log_format.log import ApplicationIndication, Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, session_in
-from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.delivery import named
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.log_merge import Merged
 from automcm_traces.system.timeline import Moment, Period, Session, Timeline, key_of, timeline
@@ -23,11 +23,9 @@ class World:
         self.merged = merged
         known = timelines or {}
         self.clocks = self.merged.clocks
-        self.deliveries = Deliveries(self.merged)
         self.timelines = {
             log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs
         }
-        self._forged = {found.at: found for found in self.deliveries.forged}
         self._periods: dict[tuple[int, str, str], dict[Session | None, list[Period]]] = {}
 
     def log(self, station: int) -> Log:
@@ -37,20 +35,26 @@ class World:
     def forged(self, station: int, at: int) -> str:
         """The forged message that an event of a station received, and its place; empty if there is
         none."""
-        found = self._forged.get((self.merged.place(station), at))
-        return "" if found is None else f"{found.message}, at {found.where}"
+        node = self.merged.place(station), at
+        known = node in self.merged.forged
+        return f"{named(self.merged, node)}, at {self.merged.where(node)}" if known else ""
+
+    def _logged(self, *events: type[Send] | type[Receive]) -> Iterator[tuple[int, int, Fields]]:
+        """The logged messages but CAMs: of each, its station and the index of its event."""
+        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
+            for at, (_, e) in enumerate(log.events):
+                if isinstance(e, events) and e.message and e.message["type"] != "CAM":
+                    yield station, at, e.message
 
     def messages(
         self, type_: str, *events: type[Send] | type[Receive]
     ) -> Iterator[tuple[int, int, Fields, Session, int]]:
         """The logged messages of a type that name a session and a proposal: of each, its station,
         the index of its event, the message, and these two."""
-        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
-            for at, (_, e) in enumerate(log.events):
-                m: Fields = (isinstance(e, events) and e.message) or {}
-                session, proposal = session_in(m.get("session")), m.get("proposal")
-                if m.get("type") == type_ and session and isinstance(proposal, int):
-                    yield station, at, m, session, proposal
+        for station, at, m in self._logged(*events):
+            session, proposal = session_in(m.get("session")), m.get("proposal")
+            if m["type"] == type_ and session and isinstance(proposal, int):
+                yield station, at, m, session, proposal
 
     @cached_property
     def acceptances(self) -> dict[tuple[int, int, Session, int], int]:
@@ -91,12 +95,10 @@ class World:
     def received(self) -> dict[tuple[int, int, str], int]:
         """The first event that received a message, by receiver, sender and ``key_of``."""
         got: dict[tuple[int, int, str], int] = {}
-        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
-            for at, (_, e) in enumerate(log.events):
-                m: Fields = (isinstance(e, Receive) and e.message) or {}
-                src, has_key = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
-                if has_key and isinstance(src, int):
-                    got.setdefault((station, src, key_of(m)), at)
+        for station, at, m in self._logged(Receive):
+            src, has_key = m.get("src"), {"seq", "dst", "session"} <= m.keys()
+            if has_key and isinstance(src, int):
+                got.setdefault((station, src, key_of(m)), at)
         return got
 
     def elapsed(self, a: int, t_a: int, b: int, t_b: int) -> Span | None:

@@ -20,7 +20,7 @@ from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.explain.rejections import cause_of
 from automcm_traces.system.copy_folding import Key, OfCams, Phases, folded, key_of
 from automcm_traces.system.event_order import Head, Node, Ordered
-from automcm_traces.system.fates import FATES, Arrow
+from automcm_traces.system.fates import FATES, Arrow, Fates
 from automcm_traces.viewer import page_run, page_traffic
 from automcm_traces.viewer.page_compare import Comparison, compare
 from automcm_traces.viewer.page_follow import StateHistory
@@ -102,7 +102,7 @@ def of_runs(
 def _feed(run: PageRun, i: int, first: int, compared: bool) -> Iterator[Head[Node]]:
     """The events of a log of a run whose first log has index ``first``. Where two runs are
     ``compared``, which leaves out CAMs, the rows of others may contradict their order."""
-    for (_, k), _, t_ms, needs, sure, _ in run.merged.feed(i):
+    for (_, k), _, t_ms, needs, sure, _ in run.merged.feed(i, Fates(run.merged.matches)):
         node = first + i, k
         sure = sure and not (compared and run.logs[i].events[k][1].is_cam)
         yield Head(node, node, t_ms, needs and (first + needs[0], needs[1]), sure)
@@ -111,7 +111,7 @@ def _feed(run: PageRun, i: int, first: int, compared: bool) -> Iterator[Head[Nod
 def as_dict(page: Page) -> dict[str, Json]:
     """All data of the page, as ``viewer/data.js`` reads it."""
     strings, shapes = PackedTable(), Shapes()
-    arrows = [[a for of in run.merged.arrows.values() for a in of] for run in page.runs]
+    arrows = [list(run.merged.arrows()) for run in page.runs]
     rows = _rows(page, strings, shapes, _rejected(page, arrows))
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.histories]

@@ -7,13 +7,13 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.log_format.log import Receive, Send
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
-from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.checker.follow import Check
 from automcm_traces.explain.explain import JudgedLog, Verdict, judged_log, verdicts_together
 from automcm_traces.system.fates import ANYONE
@@ -105,9 +105,9 @@ def load(
         for path, span in lines.items():
             _until(path, span[-1], late_ms, states[path])
     else:
-        messages: dict[str, Fields] = {}
+        known: dict[str, Send | Receive] = {}
         keep = part is None
-        found = [judged_log(path, late_ms, keep, [states[path]], messages) for path in paths]
+        found = [judged_log(path, late_ms, keep, [states[path]], known) for path in paths]
     if part is None:
         logs = [(one.path, one.log) for one in found if one.log is not None]
         refused = [one.refused for one in found if one.refused is not None]
@@ -120,8 +120,8 @@ def load(
     judged, system = [one.verdict for one in found], None
     if part is None and len(paths) > 1:
         judged, system = verdicts_together(found)
-    arrows = chain.from_iterable(merged.arrows.values())
-    named = sorted({s for a in arrows for s in (a.source, a.to)} - {*merged.stations, ANYONE})
+    drawn = {station for a in merged.arrows() for station in (a.source, a.to)}
+    named = sorted(drawn - {*merged.stations, ANYONE})
     crowded = len(named) > GHOSTS
     of_file = {log.file: (path, log) for path, log in logs}
     histories = [states[of_file[log.file][0]].history(of_file[log.file][1]) for log in merged.logs]

@@ -15,7 +15,7 @@ from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_o
 from automcm_traces.explain.log_columns import folds
 from automcm_traces.explain.log_table import Filter, Logs
 from automcm_traces.explain.rejections import CAUSES, cause_of
-from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.delivery import outcomes
 from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer.page_data import as_dict, load
@@ -158,8 +158,8 @@ def test_a_forged_tx_orders_nothing(tmp_path: Path) -> None:
 
 def test_what_was_accepted_too_is_delivered() -> None:
     merged = merge([read(path) for path in SECURED])
-    of = {sent: outcome for (sent, _), outcome in Deliveries(merged).outcomes.items()}
-    named = [(a.leaves, a.reason) for arrows in merged.arrows.values() for a in arrows if a.leaves]
+    of = {sent: outcome for sent, _, outcome in outcomes(merged)}
+    named = [(a.leaves, a.reason) for a in merged.arrows() if a.leaves]
     assert {of[sent] for sent, reason in named if reason == "replayed"} == {"delivered"}
     assert {of[sent] for sent, reason in named if reason == "bad_signature"} == {"rejected"}
 

@@ -26,7 +26,7 @@ from automcm_traces.export import mcap_file
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.export.mermaid import diagram
 from automcm_traces.export.svg_drawing import drawing
-from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.delivery import outcomes
 from automcm_traces.system.fates import ANYONE, FATES
 from automcm_traces.system.log_merge import merge
 from automcm_traces.viewer.page_data import as_dict, load
@@ -59,13 +59,13 @@ class Case:
         self.arrows: Counter[Seen] = Counter()
         self.cams: set[tuple[int, int]] = set()
         self.drawn: Counter[tuple[int, int, str]] = Counter()
-        deliveries = Deliveries(merged)
-        sent = [place for place, outcome in deliveries.outcomes.items() if outcome == "rejected"]
         self.refused = sorted(
-            (merged.stations[i], merged.logs[i].events[k][0], f"!{to}") for (i, k), to in sent
+            (merged.stations[i], merged.logs[i].events[k][0], f"!{to}")
+            for (i, k), to, outcome in outcomes(merged)
+            if outcome == "rejected"
         )
         """The messages that their addressees rejected, at the lines where they leave."""
-        for arrow in (a for of in merged.arrows.values() for a in of):
+        for arrow in merged.arrows():
             node = arrow.arrives or arrow.leaves
             assert node is not None
             log = merged.logs[node[0]]
