@@ -411,15 +411,12 @@ class InputStep:
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
 
     def copy(self) -> InputStep:
-        """A copy for a copied station."""
-        return replace(
-            self,
-            messages=list(self.messages),
-            arm=list(self.arm),
-            stop=list(self.stop),
-            indications=list(self.indications),
-            sent=list(self.sent),
-        )
+        """A copy for a copied station; ``replace`` would take several times as long."""
+        s = self
+        decided = s.at, s.t_ms, s.event, s.input, s.what, s.rule, s.after, s.changes, s.indication
+        effects = list(s.messages), list(s.arm), list(s.stop), list(s.indications)
+        since = s.since_ms, s.unseen, s.fresh, list(s.sent)
+        return InputStep(*decided, *effects, s.given, s.content, *since)
 
 
 RESTARTED = SpecInput(spec.Restart("restart"), "restart")
