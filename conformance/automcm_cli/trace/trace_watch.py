@@ -144,6 +144,8 @@ class _Sources:
     def _open(self, path: Path) -> None:
         from automcm_spec.log_format.growing_file import GrowingFile
 
+        if path.is_dir():
+            raise IsADirectoryError(f"{path} is a folder: name the logs in it")
         again = self._copy(str(path)) if str(path) == "-" or path.is_fifo() else None
         file = GrowingFile(path, again)
         self._files[file] = self._watch.add(again or path, file)

@@ -29,6 +29,7 @@ def test_a_complete_log_gets_the_verdict_and_exit_code_of_explain(log: Path) -> 
     more = r"  (prefix|replay|line \d+|all): "  # explain writes files, and adds what lint finds
     own = [line for line in explained.output.splitlines() if not re.match(more, line)]
     assert shown.output.splitlines() == own
+    assert f"{log.parent} is a folder" in automcm("trace", "watch", log.parent).output
 
 
 def test_as_json_each_report_is_one_line(tmp_path: Path) -> None:

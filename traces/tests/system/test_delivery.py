@@ -14,12 +14,8 @@ from automcm.links.simulated_radio import Channel
 from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import Log, read
 from automcm_traces.system.delivery import counts, forged, forged_receptions, outcomes
-from automcm_traces.system.fates import ANYONE, Arrow
+from automcm_traces.system.fates import ANYONE
 from automcm_traces.system.log_merge import Merged, merge
-
-
-def arrows_of(logs: list[Log]) -> list[Arrow]:
-    return list(merge(logs).arrows())
 
 
 def counted(merged: Merged) -> Counter[str]:
@@ -63,7 +59,7 @@ def test_a_log_that_stops_leaves_messages_in_flight(tmp_path: Path) -> None:
     found = merge([one, killed(tmp_path / "2.ndjson", 3000), three])
     late = between(found, 1, 2)
     assert late["lost"] == 0 and late["in_flight"] > 50
-    arrows = arrows_of([one, killed(tmp_path / "2.ndjson", 3000), three])
+    arrows = merge([one, killed(tmp_path / "2.ndjson", 3000), three]).arrows()
     from_dead = [a for a in arrows if a.source == 2 and a.fate == "sender_unobserved"]
     assert len(from_dead) > 50 and not found.forged  # sent after its log stops
 
@@ -82,7 +78,7 @@ def test_an_addressee_without_a_log_is_not_observed(tmp_path: Path) -> None:
     found = merge([one, three])
     n = between(found, 1, 2)
     assert n["unobserved"] == sum(n.values()) > 2
-    fates = {(a.source, a.fate) for a in arrows_of([one, three]) if a.leaves is None}
+    fates = {(a.source, a.fate) for a in merge([one, three]).arrows() if a.leaves is None}
     assert fates == {(2, "sender_unobserved")} and not found.forged
 
 
@@ -129,7 +125,7 @@ def test_a_sender_that_does_not_promise_its_sendings_forges_nothing(tmp_path: Pa
     one = rewritten(tmp_path / "1.ndjson", [r for r in lines if r.get("ev") != "send"])
     found = merge([one, two, three])
     assert not found.forged and not forged_receptions(merge([one, two, three]))
-    fates = {(a.source, a.fate) for a in arrows_of([one, two, three]) if a.leaves is None}
+    fates = {(a.source, a.fate) for a in merge([one, two, three]).arrows() if a.leaves is None}
     assert fates == {(1, "sender_unobserved")}
 
 
@@ -156,7 +152,7 @@ def test_one_log_shows_its_messages_to_anyone_and_the_copies_that_it_received(
     tmp_path: Path,
 ) -> None:
     one = Run(tmp_path, channel=Channel(duplicate=1.0)).logs()[0]
-    arrows = arrows_of([one])
+    arrows = list(merge([one]).arrows())
     got = Counter(arrow.fate for arrow in arrows if arrow.arrives)
     assert got.keys() == {"sender_unobserved", "duplicated"}
     assert abs(got["duplicated"] - got["sender_unobserved"]) < 5
@@ -169,6 +165,6 @@ def test_one_log_shows_its_messages_to_anyone_and_the_copies_that_it_received(
 def test_a_message_to_its_own_sender_is_no_arrow(tmp_path: Path) -> None:
     plain(tmp_path)
     lines = records(tmp_path / "1.ndjson")
-    before = len(arrows_of([read(tmp_path / "1.ndjson")]))
+    before = len([*merge([read(tmp_path / "1.ndjson")]).arrows()])
     next(r for r in lines if r.get("message", {}).get("dst") == 2)["message"]["dst"] = 1
-    assert len(arrows_of([rewritten(tmp_path / "1.ndjson", lines)])) == before - 1
+    assert len([*merge([rewritten(tmp_path / "1.ndjson", lines)]).arrows()]) == before - 1
