@@ -103,7 +103,7 @@ class Merged:
         """Order the events, and record the events of other stations that each depends on."""
         fates = Fates(self.matches)
         feeds = [self.feed(i, fates) for i in range(len(self.logs))]
-        self._past = [(array("L"), array("L")) for _ in self.logs]
+        self._past = [(array("I"), array("I")) for _ in self.logs]
         at, received = [0] * len(self.logs), [0] * len(self.logs)
         for ((i, k),) in Ordered(feeds, self.clocks.offsets(), cycle=self._cycle):
             self._turns.append(i)
@@ -116,7 +116,7 @@ class Merged:
             if match is None or at[match[1][0]] <= match[1][1]:
                 continue  # it depends on no other, or is part of a cycle
             first = match[1]
-            known = array("L", map(max, self._known((i, k)), self._known(first)))
+            known = array("I", map(max, self._known((i, k)), self._known(first)))
             known[first[0]] = max(known[first[0]], first[1] + 1)
             self._past[i][0].append(k)
             self._past[i][1].extend(known)
