@@ -50,7 +50,7 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, IN_HEADER, TIMERS, UNIT
 SCHEMA: Final = "automcm.trace/1"
 
 Value = TypeAliasType(
-    "Value", "StrictBool | StrictInt | StrictStr | list[Value] | dict[str, Value]"
+    "Value", "StrictInt | StrictStr | list[Value] | dict[str, Value] | StrictBool"
 )
 """Plain JSON without null and float."""
 
@@ -284,13 +284,13 @@ class EventBase:
     @property
     def is_cam(self) -> bool:
         """Whether a CAM was sent or received."""
-        message = self.message if isinstance(self, Receive | Send) else None
+        message = self.message if isinstance(self, OF_MESSAGE) else None
         return message is not None and message["type"] == "CAM"
 
     @property
     def is_cam_timer(self) -> bool:
         """Whether this concerns the timer that each CAM of the partner re-arms."""
-        return isinstance(self, TimerArm | TimerEnd) and self.timer.name == "cam"
+        return isinstance(self, OF_TIMER) and self.timer.name == "cam"
 
     @property
     def is_expiry(self) -> bool:
@@ -300,7 +300,7 @@ class EventBase:
     @property
     def is_input(self) -> bool:
         """Whether a step of the station begins with this event."""
-        return self.is_expiry or isinstance(self, Receive | ApplicationCommand | Restart)
+        return self.is_expiry or isinstance(self, _ALWAYS_INPUT)
 
 
 _ONE_FORM: dict[str, Any] = {
@@ -328,8 +328,7 @@ class Receive(EventBase):
     planned: dict[str, Value] | None = None
     """The planned trajectory of the application, if the Advertisement concerns it."""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check(self) -> Self:
         if (self.message is None) == (self.raw is None):
             raise fault("message", "exactly one of 'message' and 'raw' must be present")
         if self.rejected is not None and self.raw is None:
@@ -338,6 +337,8 @@ class Receive(EventBase):
         if self.planned is not None and type_ != "Advertisement":
             raise fault("planned", "allowed only with an Advertisement")
         return self
+
+    _consistent = model_validator(mode="after")(_check)
 
 
 @dataclass(config=_STRICT, frozen=True, slots=True, kw_only=True)
@@ -406,6 +407,9 @@ class End(Part):
 
 
 TimerEvent = Annotated[TimerArm | TimerEnd, Field(discriminator="op")]
+OF_MESSAGE: Final = Receive, Send
+OF_TIMER: Final = TimerArm, TimerEnd
+_ALWAYS_INPUT: Final = Receive, ApplicationCommand, Restart
 Event = Receive | Send | TimerArm | TimerEnd | ApplicationCommand | ApplicationIndication | Restart
 _TaggedEvent = Annotated[
     Receive | Send | TimerEvent | ApplicationCommand | ApplicationIndication | Restart,
@@ -419,16 +423,22 @@ RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
 """Validates one line; ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
 
 
+_LATER: Final = "_without_vendor_fields", "_typed_message", "_check"
+"""The checks that ``record`` makes itself."""
+
+
 def _without_checks(schema: Any) -> Any:
-    """RECORD's schema for lines without nulls and vendor fields."""
+    """RECORD's schema without those of ``_LATER``, and with the first choice that fits."""
     if isinstance(schema, list):
         return [_without_checks(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    check = schema["function"]["function"] if schema.get("type") == "function-before" else None
-    if getattr(check, "__name__", "") == "_without_vendor_fields":
+    has_check = schema.get("type") in ("function-before", "function-after")
+    check = schema["function"]["function"] if has_check else None
+    if getattr(check, "__name__", "") in _LATER:
         return _without_checks(schema["schema"])
-    return {key: _without_checks(item) for key, item in schema.items()}
+    first = {"mode": "left_to_right"} if schema.get("type") == "union" else {}
+    return {key: _without_checks(item) for key, item in schema.items()} | first
 
 
 _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
@@ -444,7 +454,11 @@ def record(line: bytes) -> Record:
     or vendor fields, and lines that are rejected, are checked for these."""
     try:
         found: Record = _QUICK.validate_json(line)
-    except ValidationError:
+        if isinstance(found, OF_MESSAGE) and found.message is not None:
+            _typed_message(found.message)
+        if isinstance(found, Receive):
+            found._check()
+    except ValueError:
         return RECORD.validate_json(line)
     free = _FREE.get(type(found))
     vendor = free and [key for key in getattr(found, free).model_extra or () if key[:2] == "x_"]

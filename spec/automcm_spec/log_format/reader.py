@@ -353,10 +353,20 @@ class _Reader:
     def _check(self, record: Record | UnknownEvent) -> str:
         """Reject a record that does not fit the previous ones; returns a description of missing
         records."""
+        if record.rec == "event" and self._header and not self._end:
+            if self._running and self._seq == 0:
+                self._seq = record.seq - 1
+            wanted, gap = self._seq + 1, ""
+            if record.seq != wanted:
+                gap = self._gap(record.seq, wanted, f"after {self._seq}, expected")
+            if record.t_ms < self._t_ms:
+                problem = f"must not decrease, from {self._t_ms} to {record.t_ms}"
+                raise self._error("t_ms", problem, "t_ms")
+            self._seq, self._t_ms = record.seq, record.t_ms
+            return gap
         if (record.rec == "header") == self._header:
-            problem = "a second header" if self._header else "the first line must be the header"
-            if self._header:
-                problem += ": a file contains one log"
+            second = "a second header: a file contains one log"
+            problem = second if self._header else "the first line must be the header"
             raise self._error("rec", problem, "order")
         if self._end:
             raise self._error("rec", "a record after the end", "order")
@@ -364,17 +374,8 @@ class _Reader:
             self._header = True
             self._running = record.begins is not None
             return ""
-        if record.rec == "end":
-            gap = self._gap(record.seq, self._seq, "but the last event has")
-            self._end = True
-            return gap
-        if self._running and self._seq == 0:
-            self._seq = record.seq - 1
-        gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
-        if record.t_ms < self._t_ms:
-            problem = f"must not decrease, from {self._t_ms} to {record.t_ms}"
-            raise self._error("t_ms", problem, "t_ms")
-        self._seq, self._t_ms = record.seq, record.t_ms
+        gap = self._gap(record.seq, self._seq, "but the last event has")
+        self._end = True
         return gap
 
     def _gap(self, seq: int, wanted: int, but: str) -> str:
