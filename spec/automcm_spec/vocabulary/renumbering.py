@@ -29,12 +29,12 @@ def station(p: int, to: Rename) -> int:
 
 def entry(e: Entry, to: Rename) -> Entry:
     """An outbox entry with new ids."""
-    return e._replace(to=station(e.to, to), session=to(e.session))
+    return Entry(e.type, station(e.to, to), to(e.session), *e[3:])
 
 
 def message(m: Message, to: Rename) -> Message:
     """A message with new ids."""
-    return m._replace(src=station(m.src, to), dst=station(m.dst, to), session=to(m.session))
+    return Message(m.type, station(m.src, to), station(m.dst, to), to(m.session), *m[4:])
 
 
 def timer(t: Timer, to: Rename) -> Timer:
@@ -63,11 +63,11 @@ def input_of(i: Input, to: Rename) -> Input:
     """An input with new ids."""
     match i:
         case Receive(message=m):
-            return i._replace(message=message(m, to))
+            return Receive("receive", message(m, to), i.concerned)
         case Cam():
             return i._replace(src=station(i.src, to), marks=frozenset(map(to, i.marks)))
         case Command():
             return i._replace(session=to(i.session), target=station(i.target, to))
         case Expire(timer=t):
-            return i._replace(timer=timer(t, to))
+            return Expire("expire", timer(t, to))
     return i

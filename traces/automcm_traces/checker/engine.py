@@ -53,8 +53,8 @@ NOTHING = "no further effect"
 """The expected effect of a step whose effects have all been observed."""
 REMEMBERED = 4_000
 """The maximum number of answers of the specification kept in memory."""
-NO_OP_CAMS = 1000
-"""The maximum number of cached steps for CAMs that change nothing."""
+CAMS = 1000
+"""The maximum number of cached steps for CAMs."""
 LEASE = PlainTimer(name="lease")
 
 
@@ -116,8 +116,9 @@ class Engine:
         """The last input and the effects still expected; None after ``finish``."""
         self.malformed: NoInput | None = None
         """The last input, if it was a malformed message."""
-        self._no_op_cams: dict[Input, InputStep] = {}
-        """Steps for CAMs that change nothing in the current state."""
+        self._cams: dict[tuple[int, bool, bool], InputStep] = {}
+        """Steps for CAMs in the current state, which leave it as it is: by sender, whether they
+        mark the session, and whether they are newer."""
 
     def copy(self) -> Self:
         """A copy that can continue independently."""
@@ -125,7 +126,7 @@ class Engine:
         self._shares_track = True
         other.__dict__.update(self.__dict__)
         other.timers = dict(self.timers)
-        other._no_op_cams = {}
+        other._cams = {}
         other.step = None if self.step is None else self.step.copy()
         return other
 
@@ -160,14 +161,12 @@ class Engine:
             return []
         missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
         if "timer" in self.promised:
-            missing += [f"arm {self._with_duration(t)}" for t in step.arm]
+            for t in step.arm:
+                ms = self._durations.get(t[0])
+                missing.append(f"arm {short(t)}{'' if ms is None else f' for {ms} ms'}")
             missing += [f"stop {short(t)}" for t in step.stop]
         missing += [f"indication {t}" for t in step.indications if "indication" in self.promised]
         return missing
-
-    def _with_duration(self, timer: spec.Timer) -> str:
-        ms = self._durations.get(timer[0])
-        return short(timer) if ms is None else f"{short(timer)} for {ms} ms"
 
     # -- events
 
@@ -193,7 +192,7 @@ class Engine:
             case Restart():  # timers that were due before are lost (END-8)
                 self.finish()
                 self._input(at, event)
-        if not (isinstance(event, Receive) and event.is_cam):
+        if not event.is_cam:
             self.since_ms = event.t_ms
         if event.phase is not None or event.role is not None:
             self._phase_is(at, event)
@@ -217,13 +216,12 @@ class Engine:
         if "timer" not in self.promised:
             self._assume_timers(step)
         self.step = None
-        self._lift(step)
+        if step.moves:
+            self._lift(step)
         if self.observer is not None:
             self.observer(step, self.track)
 
     def _lift(self, step: InputStep) -> None:
-        if not step.moves:
-            return
         if self._shares_track:
             self.track, self._shares_track = self.track.copy(), False
         t, m = self.track, step.given
@@ -235,7 +233,7 @@ class Engine:
             rule, ms = "END-8" if restarts else "ACT-6", self._durations["quarantine"]
             t.quarantine = Quarantine(step.at, rule, ms)
         if after is not t.state or step.sent:
-            self._no_op_cams.clear()
+            self._cams.clear()
             was = t.state.phase
             t.advance(after, step.sent)
             prescribed = step.input.kind == "receive" and step.input.message.type == "Prescription"
@@ -251,10 +249,10 @@ class Engine:
         """Check the phase and the role after the step, where the log states them."""
         step = self.step
         state = self.track.state if step is None else step.after
-        wanted, found = (state.phase, state.role), (event.phase, event.role)
-        if wanted == found:
+        if event.phase == state.phase and event.role == state.role:
             return
-        for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
+        pairs = ("phase", event.phase, state.phase), ("role", event.role, state.role)
+        for name, is_, should in pairs:
             if is_ is not None and is_ != should:
                 rule, guard = self._last_rule()
                 wants = [f"{name} {should}"]
@@ -265,9 +263,6 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=None, rejected=reason):
-                why = f"rejected ({reason})" if reason else "malformed (raw bytes)"
-                self.malformed = NoInput(at, False, why)
             case Receive(message=dict(fields)):
                 m = typed(fields)
                 if isinstance(m, list):  # END-5: the only effect is "discarded"
@@ -277,6 +272,9 @@ class Engine:
                     self._cam_received(at, event, m)
                 else:
                     self._begin_step(at, event.t_ms, event, self.track.received(event, m))
+            case Receive(rejected=reason):
+                why = f"rejected ({reason})" if reason else "malformed (raw bytes)"
+                self.malformed = NoInput(at, False, why)
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer)
             case ApplicationCommand(command=command):
@@ -285,17 +283,17 @@ class Engine:
                 self._begin_step(at, event.t_ms, event, RESTARTED)
 
     def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
-        """A received CAM. Most change nothing, so the step of an equal CAM is reused."""
-        question, t_ms = self.track.received(event, m), event.t_ms
-        k = self._no_op_cams.get(question.value)
-        if k is None:
-            step = self._begin_step(at, t_ms, event, question)
-            if not step.changes and len(self._no_op_cams) < NO_OP_CAMS:
-                self._no_op_cams[question.value] = step
+        """A received CAM. Most change no more than a timer: the step of an equal CAM is reused."""
+        t, t_ms = self.track, event.t_ms
+        alike = m.src, t.state.session in m.marks, t.is_newer(m, t_ms)
+        known = self._cams.get(alike)
+        if known is None:
+            step = self._begin_step(at, t_ms, event, t.cam_received(m, *alike))
+            if step.after is t.state and not step.messages and len(self._cams) < CAMS:
+                self._cams[alike] = step.copy()
             return
-        decided = k.input, k.what, k.rule, k.after, False, k.indication
-        effects = k.messages, k.arm, k.stop, k.indications
-        self.step = InputStep(at, t_ms, event, *decided, *effects, m, k.content, t_ms)
+        self.step = step = known.copy() if known.changes else known
+        step.at, step.t_ms, step.event, step.given, step.since_ms = at, t_ms, event, m, t_ms
 
     def _expired(self, at: int, event: Event, timer: Timer) -> None:
         what, rule = f"expire {timer_name(timer)}", self._rule_of(timer)
@@ -396,7 +394,8 @@ class Engine:
     def _cam_sent(self, at: int, fields: Fields) -> None:
         """Check a sent CAM (ACT-5): it marks the session and those whose Fin is still being
         sent."""
-        m, wanted, rule, wants = typed(fields), self.track.marks, "ACT-5", list[str]()
+        m, wanted, rule = typed(fields), self.track.marks, "ACT-5"
+        wants: list[str] = []
         if isinstance(m, list):
             text, rule = f"send CAM ({': '.join(m[0])})", "END-5"
         elif m.src != self.track.me:
@@ -442,14 +441,17 @@ class Engine:
         step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
-        value = next((one for one in pool if self.track.named(step.sent, one) == timer), None)
         if step.input[0] == "restart" and not armed and timer in self.timers:
             del self.timers[timer]
             return
-        if value is None:
+        for value in pool:  # one of a name alone is equal to each of that name
+            named = value[0] == timer.name
+            if named and (len(value) == 1 or self.track.named(step.sent, value) == timer):
+                pool.remove(value)
+                break
+        else:
             wanted = self.outstanding() or [NOTHING]
             raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
-        pool.remove(value)
         if not isinstance(event, TimerArm):
             self.timers.pop(timer, None)
             return

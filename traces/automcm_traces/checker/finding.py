@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from automcm_spec.log_format.log import Timer
@@ -136,10 +136,10 @@ class Diverges(Exception):
         mismatch: int = 0,
     ) -> None:
         super().__init__(event)
-        found = Finding(self.kind, rule, "", Where("", at), tuple(wanted), event, Why(guard))
-        if seen is not None and self.kind == "missing":
-            found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
-        self.finding = found
+        kind = self.kind
+        if seen is not None and kind == "missing":
+            kind = "state" if seen[0] in ("phase", "role") else "unexpected"
+        self.finding = Finding(kind, rule, "", Where("", at), tuple(wanted), event, Why(guard))
         self.step, self.seen, self.mismatch = step, seen, mismatch
         self.missed = ""
         """The copy that is missing before a message that no input calls for, as text."""

@@ -7,7 +7,7 @@ of a message"): its ``seq`` is the proposal, 1, or 0 for an answer. ``Track`` ke
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import Any, NamedTuple, get_args
 
@@ -226,8 +226,11 @@ class Track:
     """The last one."""
 
     def copy(self) -> Track:
-        """A copy that can change independently."""
-        return replace(self, outbox=list(self.outbox))
+        """A copy that can change independently; ``replace`` would take several times as long."""
+        s, sent = self, list(self.outbox)
+        fixed = s.me, s.limits, s.t_resend, s.clock_drift
+        cams = s.last_cam_ms, s.last_cam_line, s.first_cam_ms
+        return Track(*fixed, s.state, sent, s.advertisement, *cams, s.seq, s.lease_ms, s.quarantine)
 
     def key(self) -> tuple[object, ...]:
         """A hashable value that identifies this state."""
@@ -249,7 +252,7 @@ class Track:
     def marks(self) -> list[tuple[int, int]]:
         """The sorted sessions that the station's CAM must name (ACT-5)."""
         marks = {e.spec.session for e in self.outbox if e.spec.type == "Fin"}
-        return sorted(marks | ({self.session} if self.session else set()))
+        return sorted({*marks, self.session} if self.session else marks)
 
     def entry_of(
         self, key: MessageKey | MessageId, to: int, session: spec.Session
@@ -297,17 +300,21 @@ class Track:
 
     # -- inputs
 
-    def received(self, event: Receive, m: Message | Cam) -> SpecInput:
-        """The input for a received message or CAM. A CAM is newer if it was generated after the
-        last that counted, and is not too far ahead (ACT-5)."""
-        what = f"receive {m.type} from {m.src}"
-        if isinstance(m, Cam):
-            newer = self.last_cam_ms is None or m.generation_ms > self.last_cam_ms
-            if newer and (most := self.latest_cam(event.t_ms)) is not None:
-                newer = m.generation_ms <= most
-            session = self.state.session
-            marks = frozenset({session} if session in m.marks else ())
-            return SpecInput(spec.Cam("cam", m.src, marks, newer), what, m)
+    def is_newer(self, m: Cam, t_ms: int) -> bool:
+        """Whether a CAM received at ``t_ms`` was generated after the last that counted, and is not
+        too far ahead (ACT-5)."""
+        if self.last_cam_ms is not None and m.generation_ms <= self.last_cam_ms:
+            return False
+        most = self.latest_cam(t_ms)
+        return most is None or m.generation_ms <= most
+
+    def cam_received(self, m: Cam, src: int, marks: bool, newer: bool) -> SpecInput:
+        """The input for a CAM; ``marks``: it marks the station's session."""
+        marked = frozenset({self.state.session} if marks else ())
+        return SpecInput(spec.Cam("cam", src, marked, newer), f"receive CAM from {src}", m)
+
+    def received(self, event: Receive, m: Message) -> SpecInput:
+        """The input for a received message other than a CAM."""
         of = ("none", 0)
         if isinstance(m, Ack):  # it names an outbox entry, or a message that matches none (END-6)
             entry = self.entry_of(m.of, m.src, m.session) if m.of.seq else None
@@ -318,6 +325,7 @@ class Track:
         number = proposal or 1 if m.seq else 0  # an answer has none
         message = spec.Message(*ids, number, proposal, accepted, reason, of)
         content = {} if event.planned is None else {"planned": event.planned}
+        what = f"receive {m.type} from {m.src}"
         return SpecInput(spec.Receive("receive", message, bool(content)), what, m, content)
 
     def expired(self, timer: Timer) -> SpecInput | None:

@@ -68,11 +68,11 @@ class Hints(Watcher):
                 again = "each transmission needs its own, also a copy"
                 self._again = f"line {line} uses tx {event.tx} a second time: {again}"
             self._own_cam(event)
-        elif isinstance(event, Receive) and event.message is not None:
-            self._cam_received = self._cam_received or event.message["type"] == "CAM"
-            if event.planned is None and (session := _advertised(event)) is not None:
-                kept = list(self._not_planned.items())[1 - KEPT :]
-                self._not_planned = dict([*kept, (session, event)])
+        elif event.is_cam:
+            self._cam_received = True
+        elif isinstance(event, Receive) and event.planned is None and (its := _advertised(event)):
+            kept = list(self._not_planned.items())[1 - KEPT :]
+            self._not_planned = dict([*kept, (its, event)])
         if not self._begun:
             self._begun = opens(event) or isinstance(event, Restart) or shows_standalone(event)
 
@@ -149,11 +149,11 @@ class Hints(Watcher):
         a stop of the station the next interval is another."""
         if not (isinstance(event, Send) and event.is_cam):
             return
-        self._own_cams = [*self._own_cams[-3:], event.t_ms]
-        if len(self._own_cams) == 4:
-            before, pause, then = (b - a for a, b in pairwise(self._own_cams))
+        self._own_cams = times = [*self._own_cams[-3:], event.t_ms]
+        if len(times) == 4 and times[2] - times[1] > 2 * (times[1] - times[0]):
+            before, pause, then = (b - a for a, b in pairwise(times))
             margin = before // 4
-            if pause > 2 * before and abs(then - before) <= margin:
+            if abs(then - before) <= margin:
                 step_ms = pause - before
                 self._by_cams = range(step_ms - margin, step_ms + margin + 1)
 
