@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic_core import to_json
 
 from automcm_spec.log_format.event_text import starts
-from automcm_spec.log_format.log import Event, Header, Receive, Send, Timer, TimerArm, TimerEnd
+from automcm_spec.log_format.log import OF_MESSAGE, OF_TIMER, Event, Header, Receive, Send, Timer
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
@@ -276,15 +276,15 @@ def judged_log(
 def _kept(
     stream: LogStream, events: list[tuple[int, Event]], known: dict[str, Send | Receive]
 ) -> Iterator[tuple[int, Event]]:
-    """The events of a log, which are kept, with equal messages, names and timers in memory once."""
+    """The events of a log, which are kept; equal messages, ``tx`` and timers are in memory once."""
     timers: dict[Timer, Timer] = {}
     for line, event in stream:
-        if isinstance(event, Receive | Send) and event.tx and event.message:
+        if isinstance(event, OF_MESSAGE) and event.tx and event.message:
             first = known.setdefault(event.tx, event)
             if first is not event and to_json(first.message) == to_json(event.message):
                 object.__setattr__(event, "message", first.message)  # equal JSON
                 object.__setattr__(event, "tx", first.tx)
-        elif isinstance(event, TimerArm | TimerEnd):
+        elif isinstance(event, OF_TIMER):
             object.__setattr__(event, "timer", timers.setdefault(event.timer, event.timer))
         events.append((line, event))
         yield line, event
@@ -331,14 +331,10 @@ def _with_forged(found: Sequence[JudgedLog], foreign: Mapping[str, Finding]) -> 
     for v in (one.verdict for one in found):
         other = foreign.get(v.file)
         if other is not None and (v.verdict == "allowed" or other.at.line <= v.finding.at.line):
-            about = {name: getattr(v, name) for name in _OF_WHOLE_LOG}
-            v = Verdict(v.file, other, **about)
+            of_whole_log = ("warnings", "header", "first_ms", "hint", "rejected")
+            v = Verdict(v.file, other, **{name: getattr(v, name) for name in of_whole_log})
         verdicts.append(v)
     return verdicts
-
-
-_OF_WHOLE_LOG = ("warnings", "header", "first_ms", "hint", "rejected")
-"""The fields of a verdict that do not depend on its finding."""
 
 
 def _complete_logs(found: Sequence[JudgedLog]) -> list[Log]:

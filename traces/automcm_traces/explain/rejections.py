@@ -10,9 +10,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Final, Literal
 
-from automcm_spec.log_format.log import Event, Receive, transmission
+from automcm_spec.log_format.log import Event, Receive
 from automcm_traces.checker.follow import Follower, Watcher
-from automcm_traces.system.fates import ANYONE, source_of
+from automcm_traces.system.fates import ANYONE
+from automcm_traces.system.matching import source_of
 
 Cause = Literal["forged", "replayed", "stale", "untrusted", "malformed", "other"]
 """``untrusted``: the signer's certificate is missing or not valid."""
@@ -67,7 +68,7 @@ class Rejections(Watcher):
         reason = event.rejected
         if reason not in self.reasons and len(self.reasons) >= MOST:
             reason = "other"
-        sender = ANYONE if event.tx is None else transmission(event.tx)[0]
+        sender = source_of(None, event.tx)
         if sender not in self._from and len(self._from) >= MOST:
             sender = ANYONE
         self.reasons[reason] += 1

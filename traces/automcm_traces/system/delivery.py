@@ -55,9 +55,8 @@ def forged_receptions(merged: Merged) -> dict[str, Finding]:
         if isinstance(e, Receive) and e.tx is not None and file not in found:
             m, sent = e.message or {}, merged.matches.find(e.tx)
             original = None if sent is None else merged.message(sent)
-            why = "its sender did not send it"
-            if original:
-                why = "that transmission was another message"
+            another = "that transmission was another message"
+            why = another if original else "its sender did not send it"
             received = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
             text = f"{received}: forged, {why}"
             differ = tuple(_differences(original, m)) if original else ()

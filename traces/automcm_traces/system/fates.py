@@ -16,7 +16,7 @@ from automcm_spec.log_format.log import Event, Receive, Send, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Head, Item, Node
-from automcm_traces.system.matching import NOBODY, Ledger, Matches, sender_of
+from automcm_traces.system.matching import NOBODY, Ledger, Matches, source_of
 
 Fate = Literal[
     "delivered",
@@ -162,9 +162,9 @@ class Fates:
 
     def _unmatched(self, node: Node, m: Fields, tx: str | None) -> Fate | None:
         """The fate of a message whose transmission is not logged; None for an echo."""
-        me, sender = self._matches.stations[node[0]], sender_of(m, tx)
+        me, sender = self._matches.stations[node[0]], source_of(m, tx)
         again = logged = False
-        if sender is not None and tx is not None:
+        if tx is not None:
             again = not self._copies[me, sender].add(transmission(tx)[1])
             logged = self._matches.find(tx) is not None
         if sender in self._matches.places:
@@ -180,7 +180,7 @@ class Fates:
         """The sender of a rejected datagram according to its ``tx``, which is not signed. ANYONE
         if it names none, or one that certainly did not send it. ``logged`` is whether a log
         contains that transmission."""
-        sender = ANYONE if tx is None else transmission(tx)[0]
+        sender = source_of(None, tx)
         if sender in self._matches.places and (
             sender == receiver or (not logged and self._log(sender).not_sent(tx, False))
         ):
@@ -195,9 +195,3 @@ def addressees(sender: int, message: Fields, stations: Sequence[int]) -> list[in
     if type(dst) is int and dst > 0:
         return [dst] if dst != sender else []
     return [s for s in stations if s != sender] or [ANYONE]
-
-
-def source_of(message: Fields | None) -> int:
-    """The station that a received message names as its sender; ANYONE if it names none."""
-    src = None if message is None else message.get("src")
-    return src if type(src) is int and src > 0 else ANYONE

@@ -163,9 +163,9 @@ def merge(logs: Sequence[Log]) -> Merged:
 def _repeated(merged: Merged) -> Iterator[str]:
     """A notice for each transmission that takes the ``tx`` of another."""
     for i, ledger in enumerate(merged.matches.ledgers):
-        at = ledger.sent.at
-        for n, number in enumerate(ledger.sent.numbers):
-            if (first := ledger.sent.find(number)) != n and first is not None:
-                was = merged.where((i, at[first]))
-                tx = f"{ledger.header.station}:{number}"
-                yield f"{merged.where((i, at[n]))}: tx {tx} repeats {was}"
+        first: dict[str, int] = {}
+        for k in ledger.sent.at:
+            event = merged.event((i, k))
+            if isinstance(event, Send) and first.setdefault(event.tx, k) != k:
+                was = merged.where((i, first[event.tx]))
+                yield f"{merged.where((i, k))}: tx {event.tx} repeats {was}"

@@ -38,12 +38,13 @@ def content(message: Fields) -> str:
     return "".join(_ENCODED(message, 0))
 
 
-def sender_of(message: Fields, tx: str | None) -> int | None:
-    """The station that sent a received message, by its tx, or as the message says."""
+def source_of(message: Fields | None, tx: str | None = None) -> int:
+    """The station that sent a received message, by its ``tx`` or else as it says; NOBODY if it
+    names none."""
     if tx is not None:
         return transmission(tx)[0]
-    src = message.get("src")
-    return src if type(src) is int else None
+    src = None if message is None else message.get("src")
+    return src if type(src) is int and 0 < src < NO_TX else NOBODY
 
 
 class Messages:
@@ -157,9 +158,8 @@ class Ledger:
         elif not isinstance(event, Receive):
             return
         elif event.message is not None:
-            named = (None, NO_TX) if event.tx is None else transmission(event.tx)
-            sender, number = named[0] or sender_of(event.message, None) or NOBODY, named[1]
-            self.senders.append(sender if 0 < sender < NO_TX else NOBODY)
+            number = NO_TX if event.tx is None else transmission(event.tx)[1]
+            self.senders.append(source_of(event.message, event.tx))
             self.received.add(at, number, event.t_ms, self._digest(event.message))
         elif event.rejected is not None and event.tx is not None:
             self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))

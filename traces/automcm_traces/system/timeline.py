@@ -19,6 +19,7 @@ from automcm_spec.vocabulary.station import State
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
+from automcm_traces.system.matching import source_of
 
 Session = tuple[int, int]
 EndReason = Literal["clean", "stopped", "diverges", "cannot_tell"]
@@ -161,11 +162,8 @@ class Recorder(Watcher):
             self._outbox, own = list(t.outbox), _own(t.state)
             self._own = self._own if own == self._own else own
         event = step.event
-        src, about = 0, None
-        if isinstance(event, Receive) and event.message is not None:
-            sender = event.message.get("src")
-            src = sender if isinstance(sender, int) else 0
-            about = session_in(event.message.get("session"))
+        m = event.message if isinstance(event, Receive) else None
+        src, about = source_of(m), None if m is None else session_in(m.get("session"))
         cause = kind(step.input)
         acked = [(e.to, key_of(to_dict(m))) for e, m in gone] if cause == "receive Ack" else []
         late = forgot = 0

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import takewhile
 
-from automcm_spec.log_format.log import ApplicationIndication, Receive, Send
+from automcm_spec.log_format.log import OF_MESSAGE, ApplicationIndication, Receive, Send
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields, session_in
 from automcm_traces.system.delivery import named
@@ -39,22 +39,27 @@ class World:
         known = node in self.merged.forged
         return f"{named(self.merged, node)}, at {self.merged.where(node)}" if known else ""
 
-    def _logged(self, *events: type[Send] | type[Receive]) -> Iterator[tuple[int, int, Fields]]:
-        """The logged messages but CAMs: of each, its station and the index of its event."""
-        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
-            for at, (_, e) in enumerate(log.events):
-                if isinstance(e, events) and e.message and e.message["type"] != "CAM":
-                    yield station, at, e.message
+    @cached_property
+    def _logged(self) -> list[tuple[int, int, Send | Receive, Fields]]:
+        """The logged messages but CAMs: of each, its station, the index of its event, the event and
+        the message."""
+        return [
+            (station, at, e, e.message)
+            for station, log in zip(self.merged.stations, self.merged.logs, strict=True)
+            for at, (_, e) in enumerate(log.events)
+            if isinstance(e, OF_MESSAGE) and e.message and e.message["type"] != "CAM"
+        ]
 
     def messages(
         self, type_: str, *events: type[Send] | type[Receive]
     ) -> Iterator[tuple[int, int, Fields, Session, int]]:
         """The logged messages of a type that name a session and a proposal: of each, its station,
         the index of its event, the message, and these two."""
-        for station, at, m in self._logged(*events):
-            session, proposal = session_in(m.get("session")), m.get("proposal")
-            if m["type"] == type_ and session and isinstance(proposal, int):
-                yield station, at, m, session, proposal
+        for station, at, event, m in self._logged:
+            if m["type"] == type_ and isinstance(event, events):
+                session, proposal = session_in(m.get("session")), m.get("proposal")
+                if session and isinstance(proposal, int):
+                    yield station, at, m, session, proposal
 
     @cached_property
     def acceptances(self) -> dict[tuple[int, int, Session, int], int]:
@@ -95,9 +100,9 @@ class World:
     def received(self) -> dict[tuple[int, int, str], int]:
         """The first event that received a message, by receiver, sender and ``key_of``."""
         got: dict[tuple[int, int, str], int] = {}
-        for station, at, m in self._logged(Receive):
+        for station, at, event, m in self._logged:
             src, has_key = m.get("src"), {"seq", "dst", "session"} <= m.keys()
-            if has_key and isinstance(src, int):
+            if isinstance(event, Receive) and has_key and isinstance(src, int):
                 got.setdefault((station, src, key_of(m)), at)
         return got
 

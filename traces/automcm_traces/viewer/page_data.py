@@ -88,8 +88,9 @@ def of_runs(
     page = Page(title, runs, [], ahead, comparison=comparison, note=note)
     beside = {} if comparison is None else comparison.beside
     feeds = [
-        _feed(run, i, first, b is not None)
+        _feed(run, fates, i, first, b is not None)
         for run, first in zip(runs, [0, len(a.logs)], strict=False)
+        for fates in [Fates(run.merged.matches)]
         for i in range(len(run.logs))
     ]
     for nodes in Ordered(feeds, ahead, beside):
@@ -99,10 +100,10 @@ def of_runs(
     return page
 
 
-def _feed(run: PageRun, i: int, first: int, compared: bool) -> Iterator[Head[Node]]:
+def _feed(run: PageRun, fates: Fates, i: int, first: int, compared: bool) -> Iterator[Head[Node]]:
     """The events of a log of a run whose first log has index ``first``. Where two runs are
     ``compared``, which leaves out CAMs, the rows of others may contradict their order."""
-    for (_, k), _, t_ms, needs, sure, _ in run.merged.feed(i, Fates(run.merged.matches)):
+    for (_, k), _, t_ms, needs, sure, _ in run.merged.feed(i, fates):
         node = first + i, k
         sure = sure and not (compared and run.logs[i].events[k][1].is_cam)
         yield Head(node, node, t_ms, needs and (first + needs[0], needs[1]), sure)

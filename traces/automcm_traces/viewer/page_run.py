@@ -114,7 +114,10 @@ def load(
         if refused and not logs:
             raise refused[0]
     try:
-        merged = merge([_unpromised(log) if part else log for _, log in logs])
+        # In a part of a log, any event may be missing.
+        change: dict[str, object] = {"complete": ()} if part else {}
+        copies = [replace(log, header=log.header.model_copy(update=change)) for _, log in logs]
+        merged = merge(copies)
     except MergeError as error:
         raise PageError(str(error)) from None
     judged, system = [one.verdict for one in found], None
@@ -144,11 +147,6 @@ def _until(path: Path, last: int, late_ms: int | None, states: States) -> None:
     stream = LogStream(path)
     with suppress(BadInput):
         Check(stream, late_ms, [states]).read(takewhile(lambda e: e[0] <= last, stream))
-
-
-def _unpromised(log: Log) -> Log:
-    """The log with an empty ``complete``: in a part of a log, any event may be missing."""
-    return replace(log, header=log.header.model_copy(update={"complete": ()}))
 
 
 def _vendor(path: Path, log: Log, part: PagePart | None) -> dict[int, Json]:
