@@ -281,7 +281,10 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     elif not judged:
         verdict, text = None, "Cannot tell: no MUST case was run"
     else:
-        verdict, text = True, f"Conforms {_roles(report)}: {judged} of {judged} MUST cases pass"
+        features = report.implementation.features
+        roles = [role for role in ("prescriber", "receiver") if role in features]
+        as_ = f"as {' and '.join(roles)}" if roles else "in neither role"
+        verdict, text = True, f"Conforms {as_}: {judged} of {judged} MUST cases pass"
     if found["SKIP"]:
         notes.append(f"{_count(found['SKIP'], 'MUST case')} skipped")
     if report.selectors:
@@ -289,12 +292,6 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     if report.problems:
         notes.append(f"{_count(len(report.problems), 'problem')} in the run")
     return verdict, "; ".join([text, *notes])
-
-
-def _roles(report: Report) -> str:
-    """The roles in which the implementation was tested, which are those that it claims."""
-    roles = [role for role in ("prescriber", "receiver") if role in report.implementation.features]
-    return f"as {' and '.join(roles)}" if roles else "in neither role"
 
 
 def group(case: CaseResult) -> str:

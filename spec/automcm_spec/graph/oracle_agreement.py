@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 from automcm_spec.graph.oracle import Effect, Oracle
@@ -64,12 +64,13 @@ def compare(oracle: Oracle, station: OpenStation) -> Agreement:
     effects: dict[int, tuple[Any, ...]] = {}
     for n, st in enumerate(oracle.states):
         result.states += 1
-        wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
+        wanted = True, oracle.marks[n]
+        facts = _tried(lambda st: (station.station_type_inv(station.me, st), station.marks(st)), st)
         if facts != wanted or _kinds(facts) != _kinds(wanted):
             differ(st, None, wanted, facts)
         for i in range(len(oracle.inputs)):
             answer, given = oracle.answer(n, i), oracle.inputs[i]
-            offered = _tried(partial(station.offered, st, given))
+            offered = _tried(station.offered, st, given)
             if offered is not (answer is not None):
                 differ(st, given, {"offered": answer is not None}, offered)
             if answer is None:
@@ -78,22 +79,18 @@ def compare(oracle: Oracle, station: OpenStation) -> Agreement:
             if id(answer.effect) not in effects:
                 effects[id(answer.effect)] = _typed(answer.effect)
             expected = (oracle.states[answer.next], *effects[id(answer.effect)])
-            outcome = _tried(partial(station.step, station.me, st, given))
+            outcome = _tried(station.step, station.me, st, given)
             if outcome != expected or not _is_exact(outcome, expected, st):
                 differ(st, given, expected, outcome)
     return result
 
 
-def _tried(call: Callable[[], Any]) -> Any:
+def _tried(call: Callable[..., Any], *given: Any) -> Any:
     """The result, or the exception as text: a wrong compiler may cause any exception."""
     try:
-        return call()
+        return call(*given)
     except Exception as error:
         return (f"{type(error).__name__}: {error}",)
-
-
-def _facts(station: OpenStation, st: State) -> tuple[Any, ...]:
-    return station.station_type_inv(station.me, st), station.marks(st)
 
 
 def _typed(effect: Effect) -> tuple[Any, ...]:

@@ -40,11 +40,8 @@ def safe(text: str) -> str:
     text = text[:_LONGEST]
     if text.isascii() and text.isprintable():
         return text
-    return "".join(c if _harmless(c) else ascii(c)[1:-1] for c in text)
-
-
-def _harmless(c: str) -> bool:
-    return c.isprintable() and unicodedata.bidirectional(c) not in _TURNS
+    harmful = {c for c in text if not c.isprintable() or unicodedata.bidirectional(c) in _TURNS}
+    return "".join(ascii(c)[1:-1] if c in harmful else c for c in text)
 
 
 def fitted(text: str, width: int) -> str:

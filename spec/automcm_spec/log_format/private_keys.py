@@ -10,13 +10,14 @@ from typing import Any, Final
 
 from automcm_spec.log_format.problems import join
 
-_PEM: Final = re.compile(rb"-----BEGIN [A-Z ]*PRIVATE KEY-----")
-_DER: Final = re.compile(rb"\x02\x01\x01\x04\x20")
-"""An ECPrivateKey (RFC 5915) begins with its version and 32 bytes."""
-_COSE: Final = re.compile(
-    rb"\x20\x01(\x21\x58\x20.{32})?(\x22(\x58\x20.{32}|[\xf4\xf5]))?\x23\x58\x20", re.S
+_KEY: Final = re.compile(
+    rb"-----BEGIN [A-Z ]*PRIVATE KEY-----"
+    rb"|\x02\x01\x01\x04\x20"
+    rb"|\x20\x01(\x21\x58\x20.{32})?(\x22(\x58\x20.{32}|[\xf4\xf5]))?\x23\x58\x20",
+    re.S,
 )
-"""In a COSE_Key (RFC 9053, 7.1), after the curve and the public key, label -4: d."""
+"""PEM; an ECPrivateKey (RFC 5915), by its version and 32 bytes; in a COSE_Key (RFC 9053, 7.1),
+after the curve and the public key, label -4: d."""
 _SUSPECT: Final = re.compile(rb'PRIVATE KEY|"d"|"[A-Za-z0-9+/_-]{43,}=*"')
 
 
@@ -35,7 +36,7 @@ def _in(value: Any, path: str) -> Iterator[str]:
     elif isinstance(value, list):
         for n, inner in enumerate(value):
             yield from _in(inner, f"{path}[{n}]")
-    elif isinstance(value, str) and any(map(_is_key, _as_bytes(value))):
+    elif isinstance(value, str) and any(map(_KEY.search, _as_bytes(value))):
         yield path
 
 
@@ -46,7 +47,3 @@ def _as_bytes(text: str) -> Iterator[bytes]:
         yield base64.b64decode(data + b"==", altchars=b"-_" if set(text) & {"-", "_"} else None)
     except binascii.Error:
         return
-
-
-def _is_key(data: bytes) -> bool:
-    return any(form.search(data) for form in (_PEM, _DER, _COSE))

@@ -30,11 +30,7 @@ Json = Any
 def canonical(value: Any) -> str:
     """The text by which values are printed and sorted: for JSON and for values of the
     specification."""
-    return json.dumps(value, separators=(",", ":"), default=_listed)
-
-
-def _listed(value: frozenset[Any]) -> list[Any]:
-    return sorted(value, key=canonical)
+    return json.dumps(value, separators=(",", ":"), default=lambda s: sorted(s, key=canonical))
 
 
 def to_json(value: Any) -> Json:
