@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("spec", "reference", "traces", "conformance")
+TOOLS = ("spec/tools", "traces/tools", "conformance/tools")
+FOLDERS = ("spec", "reference", "traces", "conformance", *TOOLS)
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "runs", "site")
 
 

@@ -284,17 +284,14 @@ Read = TypeVar("Read", HelloAnswer, Answer)
 
 
 def has_float(line: bytes) -> bool:
-    """Whether a line may have a number that is not an integer.
-
-    Ten times as fast as a regular expression.
-    """
+    """Whether a line may have a number that is not an integer: faster than a regular expression."""
     if b"." in line or b"NaN" in line or b"Infinity" in line:
         return True
-    digits = line.translate(_ZEROS)
-    return b"0e" in digits or b"0E" in digits
+    return b"0e" in line.translate(_EXPONENTS)
 
 
-_ZEROS = bytes.maketrans(b"123456789", b"000000000")
+_EXPONENTS = bytes.maketrans(b"123456789E", b"000000000e")
+_ANSWER = Answer.__pydantic_validator__
 
 
 def read_answer(line: bytes) -> Answer:
@@ -303,7 +300,7 @@ def read_answer(line: bytes) -> Answer:
     Raises Refused for ``{"error": ...}``, and ProtocolError for any other invalid line.
     """
     try:
-        answer = Answer.model_validate_json(line)
+        answer: Answer = _ANSWER.validate_json(line)
     except ValidationError:
         return _read(line, Answer)  # raises an error with an explanation
     if (answer.messages or answer.indications or answer.cams) and has_float(line):

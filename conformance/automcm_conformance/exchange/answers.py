@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from pydantic_core import to_json
@@ -36,9 +37,10 @@ def differences(expected: Required, line: bytes) -> list[Problem]:
     """
     answer = read_answer(line)
     problems: list[Problem] = []
-    if answer.messages or expected.messages:
+    truths = _has_truths(line)
+    if not _alike(expected.messages, answer.messages, truths):
         problems += _messages(expected, answer.messages)
-    if answer.indications or expected.indications:
+    if not _alike(expected.indications, answer.indications, truths):
         problems += _told(expected.indications, answer.indications)
     if answer.phase not in (None, expected.phase):
         text = f"phase: expected {expected.phase}, got {answer.phase}"
@@ -51,13 +53,26 @@ def differences(expected: Required, line: bytes) -> list[Problem]:
     for cam in answer.cams if expected.marks else ():
         marks, due = cam.get("marks"), cam["generation_ms"]
         wanted = _marks_at(expected, due)
-        if not any(are_marks(each, marks) for each in wanted):
+        if (truths or marks not in wanted) and not any(are_marks(w, marks) for w in wanted):
             text = f"CAM.marks: expected {wanted[0]} at {due} ms, got {marks}"
             problems.append(Problem("cams", text, MARKS))
     return problems
 
 
-def _marks_at(expected: Required, due: int) -> list[Json]:
+def _has_truths(text: bytes) -> bool:
+    return b"true" in text or b"false" in text
+
+
+def _alike(wanted: list[Json], found: list[Json], truths: bool) -> bool:
+    """Whether the lists are the same, and no null stands for what the station chooses. Only truth
+    values, which Python takes for numbers, need ``same``; ``truths``: ``found`` may have some."""
+    if not wanted or wanted != found:
+        return wanted == found
+    text = to_json(wanted)
+    return b"null" not in text and (not (truths or _has_truths(text)) or same(wanted, found))
+
+
+def _marks_at(expected: Required, due: int) -> Sequence[Json]:
     """The marks that a CAM may have that is due then: at the time of a change, or if a timer fires
     late, either (ACT-5)."""
     if len(expected.marks_since) != len(expected.marks):
@@ -86,17 +101,12 @@ def _messages(expected: Required, found: list[Json]) -> list[Problem]:
                 problems.append(Problem("messages", text, "order of messages"))
     for message, other in zip(missing, left, strict=False):
         problems.append(first_difference(message, other))
-    unsent = Counter[str]()
-    for message in missing[len(left) :]:
-        type_ = message["type"]
-        unsent[type_] += 1
-        if unsent[type_] == 1:
-            text = f"not sent: {type_} {to_json(message).decode()}"
-            problems.append(Problem("messages", text, f"{type_} missing"))
-    for type_, n in unsent.items():
-        if n > 1:
-            text = f"not sent: {n - 1} more of type {type_}"
-            problems.append(Problem("messages", text, f"{type_} missing"))
+    unsent = missing[len(left) :]
+    for type_, n in Counter(message["type"] for message in unsent).items():
+        first = next(message for message in unsent if message["type"] == type_)
+        texts = [f"not sent: {type_} {to_json(first).decode()}"]
+        texts += [f"not sent: {n - 1} more of type {type_}"] * (n > 1)
+        problems += [Problem("messages", text, f"{type_} missing") for text in texts]
     for message in left[len(missing) :]:
         about = message.get("type") if type(message) is dict else "no message"
         kind = f"{about} too many"
@@ -134,13 +144,11 @@ def _holds(name: str, wanted: Json, found: Json) -> bool:
 def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Required) -> list[Problem]:
     """Takes over a value that the station was free to choose, and checks that it was. Other values
     are not taken over: a replay expects the values expected here."""
-    problems = []
+    wrong = {}
     if wanted["session"][1] is None:
         number = found["session"][1]
         if number <= expected.above:
-            text = f"session: expected a number above {expected.above}, got {number}"
-            kind = f"{wanted['type']}.session"
-            problems.append(Problem("messages", f"{wanted['type']}.{text}", kind))
+            wrong["session"] = f"a number above {expected.above}, got {number}"
         else:
             wanted["session"] = found["session"]
     if wanted["seq"] is None:
@@ -148,10 +156,9 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Required)
             expected.fresh.remove(found["seq"])
             wanted["seq"] = found["seq"]
         else:
-            text = f"seq: expected one of {expected.fresh}, got {found['seq']}"
-            kind = f"{wanted['type']}.seq"
-            problems.append(Problem("messages", f"{wanted['type']}.{text}", kind))
-    return problems
+            wrong["seq"] = f"one of {expected.fresh}, got {found['seq']}"
+    fields = {f"{wanted['type']}.{name}": text for name, text in wrong.items()}
+    return [Problem("messages", f"{f}: expected {text}", f) for f, text in fields.items()]
 
 
 def first_difference(wanted: dict[str, Json], found: Json) -> Problem:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cached_property
 from operator import attrgetter
 from typing import Generic, TypeVar
 
@@ -36,6 +35,7 @@ class ArmedTimers(Generic[T]):
         self.running: dict[T, Running[T]] = {}
         self.inputs = 0
         """How many inputs have armed timers."""
+        self._seen: tuple[Running[T] | None, bool] | None = None
 
     def arm(self, timer: T, deadline: int, message: Hashable = None, type_: str = "") -> None:
         """Arm a timer, or arm it again. ``message``: the message it belongs to, of type
@@ -45,7 +45,7 @@ class ArmedTimers(Generic[T]):
         self.running.pop(timer, None)
         place = rank(name, type_ == "Advertisement")
         self.running[timer] = Running(timer, deadline, place, age, message)
-        self._changed()
+        self._seen = None
 
     def _age(self, message: Hashable) -> int:
         """The age of a message that has an armed timer, or else of a new one: when nothing of a
@@ -56,12 +56,12 @@ class ArmedTimers(Generic[T]):
     def stop(self, timer: T) -> None:
         """Remove a timer that is stopped or has expired."""
         del self.running[timer]
-        self._changed()
+        self._seen = None
 
     def learn(self, timer: T, deadline: int) -> None:
         """Set a deadline that only the station knew."""
         self.running[timer].deadline = deadline
-        self._changed()
+        self._seen = None
 
     def deadline(self, timer: T) -> int | None:
         """The deadline of a timer; None if it is not armed."""
@@ -71,23 +71,21 @@ class ArmedTimers(Generic[T]):
     @property
     def first(self) -> Running[T] | None:
         """The timer that expires next, of those whose deadline is known."""
-        return self._look[0]
+        return self._look()[0]
 
     @property
     def sure(self) -> bool:
         """Whether all deadlines are known."""
-        return self._look[1]
+        return self._look()[1]
 
     def due(self, now: int) -> T | None:
         """The due timer that fires next; None if no timer is due."""
         first = self.first
         return first.timer if first is not None and first.deadline <= now else None
 
-    @cached_property
     def _look(self) -> tuple[Running[T] | None, bool]:
         """``first`` and ``sure``, until a timer changes."""
-        known = [each for each in self.running.values() if each.deadline != UNKNOWN]
-        return min(known, key=_TURN, default=None), len(known) == len(self.running)
-
-    def _changed(self) -> None:
-        self.__dict__.pop("_look", None)
+        if self._seen is None:
+            known = [each for each in self.running.values() if each.deadline != UNKNOWN]
+            self._seen = min(known, key=_TURN, default=None), len(known) == len(self.running)
+        return self._seen

@@ -39,10 +39,10 @@ class Tours:
         seed: int = 1,
     ) -> None:
         self.oracle, self.allowed, self.disturbs = oracle, allowed, disturbs
-        self.left: dict[int, dict[int, str]] = {}
-        """For each state the inputs to drive, each with its case."""
+        self.left: dict[int, dict[Pair, str]] = {}
+        """For each state the pairs to drive, each with its case."""
         for answer, case in targets:
-            self.left.setdefault(answer.state, {})[answer.input] = case
+            self.left.setdefault(answer.state, {})[answer.state, answer.input] = case
         self.planned: set[Pair] = set()
         """The pairs of unfinished tours."""
         self._sent: set[Pair] = set()
@@ -64,12 +64,12 @@ class Tours:
         parents, planned = self._tree(), self.planned
         # From far away ways lead back to states where there is still much to do.
         far = (s for s in reversed(self.left) if s in parents)
-        start = next((s for s in far if any((s, i) not in planned for i in self.left[s])), None)
+        start = next((s for s in far if not self.left[s].keys() <= planned), None)
         if start is None:
             return None
         tour, state = self._disturbed(self.path(start) or []), start
         while len(tour) < LONGEST:
-            here = [i for i in self.left.get(state, ()) if (state, i) not in planned]
+            here = [pair[1] for pair in self.left.get(state, ()) if pair not in planned]
             moves = self.oracle.moves(state)
             still = [i for i in here if i not in moves]
             still += [i for i in here if moves.get(i) == state]
@@ -85,10 +85,10 @@ class Tours:
 
     def _disturbed(self, way: list[int]) -> list[int]:
         """A way, with an input that must change nothing before each step."""
-        tour, state = [], 0
+        tour, state, inputs = [], 0, range(len(self.oracle.inputs))
         for i in way:
             for _ in range(TRIES):
-                pair = state, self._random.randrange(len(self.oracle.inputs))
+                pair = state, self._random.choice(inputs)
                 if self._disturbs(pair) and pair not in self.avoided:
                     tour.append(pair[1])
                     break
@@ -111,7 +111,7 @@ class Tours:
         here = self.left.get(pair[0])
         if here is None:
             return None
-        case = here.pop(pair[1], None)
+        case = here.pop(pair, None)
         if not here:
             del self.left[pair[0]]
         return case
@@ -147,7 +147,7 @@ class Tours:
 
     def drop(self, case: str) -> None:
         """Test no more pairs of this case."""
-        pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
+        pairs = [pair for here in self.left.values() for pair, c in here.items() if c == case]
         self.avoided.update(pair for pair in pairs if not self.oracle.is_move(*pair))
         for pair in pairs:
             self.done(pair)

@@ -124,8 +124,8 @@ class Required:
     indications: list[dict[str, Json]] = field(default_factory=list)
     deadline: int | None = None
     phase: str = ""
-    marks: list[Json] = field(default_factory=list)
-    marks_since: list[int] = field(default_factory=list)
+    marks: Sequence[Json] = ()
+    marks_since: Sequence[int] = ()
     fresh: list[int] = field(default_factory=list)
     above: int = 0
     begins: list[int] = field(default_factory=list)
@@ -246,8 +246,11 @@ class Wire:
                     return self.trajectory(s, k, 3)
                 case "reason" if m.reason == "as_sent":
                     return COPY_REASONS[k % 2] if m.type == "Acceptance" else "abort"
-            plain: Json = {"hold_ms": HOLD_MS + k, "lease_ms": lease_ms, "reason": m.reason}
-            return plain[name]
+                case "hold_ms":
+                    return HOLD_MS + k
+                case "lease_ms":
+                    return lease_ms
+            return m.reason
 
         return wire_forms.message(self, m, seq, content)
 
@@ -369,8 +372,7 @@ class Wire:
                 self.advertisement = message
             else:
                 self.outbox[key] = message
-        kept = {entry[:4] for entry in after.outbox}
-        for key in [key for key in self.outbox if key not in kept]:
+        for key in self.outbox.keys() - {entry[:4] for entry in after.outbox}:
             del self.outbox[key]
         if after.phase != "ADVERTISING":
             self.advertisement = None

@@ -216,9 +216,9 @@ class Runner:
 
         tours = part.tours = Tours(oracle, targets, allowed, disturbs, self.seed)
         for state in [state for state in tours.left if tours.path(state) is None]:
-            for i in list(tours.left[state]):
-                self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1
-                tours.done((state, i))
+            for pair, case in list(tours.left[state].items()):
+                self.tallies[case].skipped["a feature that leads there"] += 1
+                tours.done(pair)
         part.planned = len(targets)
 
     def tour(self, part: PairPart) -> None:
@@ -246,8 +246,8 @@ class Runner:
             return
         tours.usable(part.attempts)
         for state in [state for state in tours.left if tours.path(state) is not None]:
-            for i in list(tours.left[state]):
-                self._forbidden(part, tours.done((state, i)))
+            for pair in list(tours.left[state]):
+                self._forbidden(part, tours.done(pair))
 
     def _tally(self, part: PairPart, answer: OracleAnswer) -> Tally | None:
         """The case of a pair, if it is part of the run."""

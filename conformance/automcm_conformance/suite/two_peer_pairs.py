@@ -50,7 +50,9 @@ def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[OracleAnswer]:
             if key in seen:
                 continue
             seen.add(key)
-            seen.add((other[_swap_view(touched[i])], swapped[i]))
+            y, session, remembered = touched[i]
+            view = renumbering.station(y, _swap), session and _swap(session), remembered
+            seen.add((other[view], swapped[i]))
             if not any(_image(two, one, answer, away) for away in PEERS):
                 yield answer
 
@@ -74,11 +76,6 @@ def _touches(i: Input) -> View:
         case Command():
             return 0, None, i.name == "request"
     return 0, None, False
-
-
-def _swap_view(view: View) -> View:
-    y, session, remembered = view
-    return renumbering.station(y, _swap), session and _swap(session), remembered
 
 
 def _view(st: State, view: View) -> Seen:

@@ -22,7 +22,7 @@ def line(**fields: Any) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [[1, 2], [1, True]]]
+    "marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [[True, 1], [1, 2]]]
 )
 def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
     expected = Required(marks=[[[1, 1], [1, 2]]])
@@ -41,6 +41,14 @@ def test_act_5_a_cam_has_no_marks_of_a_time_after_it_is_due(due: int, allowed: l
     for n, mark in enumerate(marks, 1):
         cam = {"type": "CAM", "generation_ms": due, "marks": mark}
         assert bool(answers.differences(expected, line(cams=[cam]))) == (n not in allowed)
+
+
+@pytest.mark.parametrize("part", ["messages", "indications"])
+@pytest.mark.parametrize("values", [(1, True), (True, 1), (0, False), (False, 0)])
+def test_a_truth_value_is_no_number(part: str, values: tuple[int, int]) -> None:
+    wanted, found = ([FIN | {"name": "refused", "accepted": value}] for value in values)
+    assert answers.differences(Required(**{part: wanted}), line(**{part: found}))
+    assert not answers.differences(Required(**{part: wanted}), line(**{part: wanted}))
 
 
 def test_a_line_that_is_no_answer_is_no_difference() -> None:

@@ -408,7 +408,9 @@ class End(Part):
 
 TimerEvent = Annotated[TimerArm | TimerEnd, Field(discriminator="op")]
 OF_MESSAGE: Final = Receive, Send
+"""The events that have a ``message``."""
 OF_TIMER: Final = TimerArm, TimerEnd
+"""The events that have a ``timer``."""
 _ALWAYS_INPUT: Final = Receive, ApplicationCommand, Restart
 Event = Receive | Send | TimerArm | TimerEnd | ApplicationCommand | ApplicationIndication | Restart
 _TaggedEvent = Annotated[
@@ -428,7 +430,8 @@ _LATER: Final = "_without_vendor_fields", "_typed_message", "_check"
 
 
 def _without_checks(schema: Any) -> Any:
-    """RECORD's schema without those of ``_LATER``, and with the first choice that fits."""
+    """A part of RECORD's schema without the checks of ``_LATER``; of a union's choices, the first
+    that fits is taken."""
     if isinstance(schema, list):
         return [_without_checks(item) for item in schema]
     if not isinstance(schema, dict):

@@ -122,13 +122,19 @@ Fields: TypeAlias = Mapping[str, object]
 
 def same(one: object, other: object) -> bool:
     """Whether two JSON values are equal and of equal types: 1 equals neither 1.0 nor true."""
-    if type(one) is not type(other):
-        return False
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(same, one, other))
-    return one == other
+    return one == other and _same_types([one], [other])
+
+
+def _same_types(one: Any, other: Any) -> bool:
+    """Whether the parts of equal objects or lists are of equal types."""
+    if type(one) is dict:
+        one, other = one.values(), map(other.__getitem__, one)
+    for value, twin in zip(one, other, strict=True):
+        kind = type(value)
+        nested = kind is dict or kind is list
+        if kind is not type(twin) or (nested and not _same_types(value, twin)):
+            return False
+    return True
 
 
 def _fault(path: tuple[str | int, ...], problem: str) -> PydanticCustomError:

@@ -40,16 +40,19 @@ class Names(Protocol):
 
 def message(names: Names, m: Message, seq: int | None, content: Content) -> dict[str, Json]:
     """A message with this seq."""
-    to = {"dst": names.station(m.dst)} if m.dst else {}
-    out: dict[str, Json] = {"v": 1, "src": names.station(m.src), **to}
-    out |= {"session": names.session(m.session), "seq": seq, "type": m.type}
+    out: dict[str, Json] = {"v": 1, "src": names.station(m.src)}
+    if m.dst:
+        out["dst"] = names.station(m.dst)
+    out["session"], out["seq"], out["type"] = names.session(m.session), seq, m.type
     fields = _CONTENT.get(m.type, ())
     if m.type in ("Prescription", "Acceptance"):
         out["proposal"] = m.proposal
     if m.type == "Acceptance":
         out["accepted"] = m.accepted
         fields = ("selected",) if m.accepted else ("reason",)
-    return out | {name: content(name) for name in fields}
+    for name in fields:
+        out[name] = content(name)
+    return out
 
 
 def command(names: Names, c: Command, content: Content) -> dict[str, Json]:

@@ -444,7 +444,7 @@ class Engine:
         if step.input[0] == "restart" and not armed and timer in self.timers:
             del self.timers[timer]
             return
-        for value in pool:  # one of a name alone is equal to each of that name
+        for value in pool:  # without a message or station, it is equal by name
             named = value[0] == timer.name
             if named and (len(value) == 1 or self.track.named(step.sent, value) == timer):
                 pool.remove(value)
