@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+from automcm_cli.shared.common import in_words
 from automcm_spec.support.bad_input import BadInput, printable
 
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
@@ -106,11 +107,8 @@ def run(program: Callable[[], object]) -> int:
         return _report_error(_INTERNAL_ERROR, FAULT) if code == FAULT else code
     except OutputLost as lost:
         return CLOSED_PIPE if lost.closed_pipe else _report_error(str(lost), UNWRITTEN)
-    except BadInput as error:
-        return _report_error(str(error), UNWRITTEN)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        return _report_error(f"{where}{error.strerror or error}", UNWRITTEN)
+    except (BadInput, OSError) as error:
+        return _report_error(in_words(error), UNWRITTEN)
     except Exception:
         traceback.print_exc()
         return _report_error(_INTERNAL_ERROR, FAULT)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-TOOLS = ("spec/tools", "traces/tools", "conformance/tools")
-FOLDERS = ("spec", "reference", "traces", "conformance", *TOOLS)
+PARTS = "spec", "reference", "traces", "conformance"
+FOLDERS = *PARTS, *(f"{part}/tools" for part in PARTS)
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "runs", "site")
 
 

@@ -128,12 +128,10 @@ def show(
         from automcm_spec.vocabulary.parameters import Parameters
 
         verifier = key_files.load_verifier(folder, JSON, Parameters())
-        if (folder / key_files.CERTIFICATE).exists():
-            own = key_files.load(folder).certificate
-            shown = [_with_status(own, verifier)]
-        else:
-            own = None
-            shown = [_with_status(each, verifier) for each in AuthorityFolder(folder).issued()]
+        is_station = (folder / key_files.CERTIFICATE).exists()
+        own = key_files.load(folder).certificate if is_station else None
+        of = [own] if own else AuthorityFolder(folder).issued()
+        shown = [_with_status(each, verifier) for each in of]
         authorities = sorted(path.stem for path in (folder / key_files.AUTHORITIES).glob("*.pem"))
     what = ISSUED if own is None else "certificate"
     if write_json(json_, {"folder": str(folder), what: shown, "authorities": authorities}):

@@ -175,16 +175,8 @@ def _envelope(given: Json) -> Json:
     }
 
 
-KERNELS: dict[str, Callable[[Json], Json]] = {
-    "convert": _convert,
-    "thin": _thin,
-    "collide": _collide,
-    "extents": _extents,
-    "discover": _discover,
-    "prescribe": _prescribe,
-    "verify": _verify,
-    "success": _success,
-    "clock": _clock,
-    "certificate": _certificate,
-    "envelope": _envelope,
-}
+_KERNELS: tuple[Callable[[Json], Json], ...] = (
+    *(_convert, _thin, _collide, _extents, _discover, _prescribe, _verify),
+    *(_success, _clock, _certificate, _envelope),
+)
+KERNELS = {kernel.__name__[1:]: kernel for kernel in _KERNELS}

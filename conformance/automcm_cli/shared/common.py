@@ -58,6 +58,13 @@ def say_lines(text: str, *, err: bool = False) -> None:
         say(line, err=err)
 
 
+def in_words(error: Exception) -> str:
+    """The text of an error; one of the operating system names the file first."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return str(error)
+    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+
+
 @contextmanager
 def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
     """Exit with code 3 and a one-line message if one of these errors is raised.
@@ -68,7 +75,7 @@ def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
         yield
     except errors as error:
         put = say_lines if getattr(error, "own_lines", False) else say
-        put(f"{command}: {error}", err=True)
+        put(f"{command}: {in_words(error)}", err=True)
         for line in getattr(error, "stderr", ()):
             say(f"  {line!r}", err=True)
         raise typer.Exit(3) from None

@@ -93,6 +93,8 @@ def test_export_writes_what_other_tools_read(tmp_path: Path) -> None:
         assert answer.exit_code == 0, answer.output
         assert str(tmp_path / name) in json.loads(answer.output)["written"]
         assert (tmp_path / name).stat().st_size > 1000
+    answer = automcm("trace", "export", *PAIR, "--out", tmp_path / "1001.svg")
+    assert answer.exit_code == 3 and f"{tmp_path}/1001.svg: File exists" in answer.output
 
 
 def test_export_to_mcap_and_back(tmp_path: Path) -> None:

@@ -181,16 +181,14 @@ def _first(paths: Sequence[Path], found: Sequence[StationDiff]) -> int:
 def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
     """Compare two logs of one station; ``ids`` maps stations of B to their ids in A."""
     promised = set(a.header.complete), set(b.header.complete)
-    kinds = promised[0] & promised[1]
-    skipped = tuple(sorted((promised[0] | promised[1]) - kinds))
+    kinds = sorted(promised[0] & promised[1])
+    skipped = tuple(sorted(promised[0] ^ promised[1]))
     found = StationDiff(a.header.station, a.file, b.file, skipped=skipped)
     parameters = a.header.parameters.model_dump(), b.header.parameters.model_dump()
     found.parameters = tuple(_paths("", *parameters))
     kept: list[tuple[CanonicalStep, CanonicalStep]] = []
     start: tuple[int, int] | None = None
-    both = zip_longest(
-        Canonical(a, sorted(kinds)).steps(), Canonical(b, sorted(kinds), ids).steps()
-    )
+    both = zip_longest(Canonical(a, kinds).steps(), Canonical(b, kinds, ids).steps())
     for one, other in both:
         one, other = one or CanonicalStep(None), other or CanonicalStep(None)
         one, other = _observed(one, other), _observed(other, one)
@@ -257,10 +255,8 @@ def _differ(
     if (a.input and a.input.key) != (b.input and b.input.key):
         return a.input, b.input, _fields(a.input, b.input)
     left, right = _without(a.effects, b.effects), _without(b.effects, a.effects)
-    if not left and not right:
-        return _phases(a, b)
     if not left:
-        return None, right[0], ()
+        return (None, right[0], ()) if right else _phases(a, b)
     other = next((entry for entry in right if entry.kind == left[0].kind), None)
     if other is None and len(left) == len(right) == 1 and left[0].event.ev == right[0].event.ev:
         other = right[0]
@@ -358,27 +354,24 @@ def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:
 
 def _rows(d: RunDifference, each: int) -> Iterator[str]:
     for a, b in d.steps:
-        for x, y in zip_longest(_paired(a, b)[0], _paired(a, b)[1]):
+        for x, y in zip_longest(a.events, _beside(a, b)):
             mark = "!" if (x is not None and x is d.a) or (y is not None and y is d.b) else " "
             left = "" if x is None else f"{x.line:>6} {summary(x.event)}"
             right = "" if y is None else f"{y.line:>6} {summary(y.event)}"
             yield f"{mark} {fitted(left, each)} | {fitted(right, each)}".rstrip()
 
 
-def _paired(
-    a: CanonicalStep, b: CanonicalStep
-) -> tuple[list[CanonicalEvent], list[CanonicalEvent | None]]:
-    """The events of both steps, with equal events beside each other where possible."""
-    left, right = a.events, list(b.events)
-    beside: list[CanonicalEvent | None] = []
-    for entry in left:
-        equal = [other for other in right if other.key == entry.key]
-        alike = [other for other in right if other.kind == entry.kind]
+def _beside(a: CanonicalStep, b: CanonicalStep) -> list[CanonicalEvent | None]:
+    """The events of ``b``, beside equal events of ``a`` where possible."""
+    left, beside = list(b.events), list[CanonicalEvent | None]()
+    for entry in a.events:
+        equal = [other for other in left if other.key == entry.key]
+        alike = [other for other in left if other.kind == entry.kind]
         match = next(iter(equal + alike), None)
         if match is not None:
-            right.remove(match)
+            left.remove(match)
         beside.append(match)
-    return left, [*beside, *right]
+    return [*beside, *left]
 
 
 def _end_of(text: str, width: int) -> str:
