@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = "spec", "reference", "traces", "conformance"
-FOLDERS = *PARTS, *(f"{part}/tools" for part in PARTS)
+FOLDERS = [f + t for f in ("spec", "reference", "traces", "conformance") for t in ("", "/tools")]
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "runs", "site")
 
 
