@@ -14,21 +14,10 @@ from typing import Any, get_args
 from pydantic_core import to_json
 
 from automcm_spec.graph.oracle import OracleAnswer
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary import wire_forms
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, RefusalReason
 from automcm_spec.vocabulary.parameters import TIMERS
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Input,
-    Message,
-    Receive,
-    Restart,
-    Session,
-    State,
-    Timer,
-)
 
 Json = Any
 
@@ -65,7 +54,7 @@ STEP_MS = 100
 COPY_REASONS = tuple(r for r in get_args(RefusalReason) if r not in ANSWER_REASONS)
 
 
-Key = tuple[str, int, Session, int]
+Key = tuple[str, int, spec.Session, int]
 """The key of an outbox entry: type, addressee, session, seq, in the oracle's values."""
 
 
@@ -157,7 +146,7 @@ class Wire:
     """The message or command in the last line."""
     fresh: list[int] = field(default_factory=list)
     """The numbers that several new messages of the last step share."""
-    _cache: dict[Message, dict[str, Json]] = field(default_factory=dict)
+    _cache: dict[spec.Message, dict[str, Json]] = field(default_factory=dict)
     """Received messages with their content, which a copy repeats."""
 
     # -- content and ids
@@ -173,14 +162,14 @@ class Wire:
         """The id of a station."""
         return self.values.ids[station]
 
-    def session(self, s: Session) -> list[int]:
+    def session(self, s: spec.Session) -> list[int]:
         """A session in real ids. An own session that is not open yet has a later number."""
         if s[0] == ME:
             later = self.last_number + s[1] - len(self.own)
             return [self.values.ids[ME], self.own.get(s[1], later)]
         return [self.values.ids[s[0]], self.values.numbers[s[0]][s[1]]]
 
-    def real(self, s: Session) -> Session:
+    def real(self, s: spec.Session) -> spec.Session:
         """The same as a value of the specification; nobody stays nobody."""
         if s[0] == 0:
             return s
@@ -195,28 +184,28 @@ class Wire:
 
     # -- inputs
 
-    def command(self, value: Input, now: int, lease_ms: int | None = None) -> dict[str, Json]:
+    def command(self, value: spec.Input, now: int, lease_ms: int | None = None) -> dict[str, Json]:
         """The adapter command for an input at ``now``, without that field.
 
         ``lease_ms`` is for a Prescription with new content; a copy repeats its lease.
         """
         self.given = None
         match value:
-            case Receive():
+            case spec.Receive():
                 self.given = self.message(value.message, lease_ms)
                 out: dict[str, Json] = {"cmd": "receive", "message": self.given}
                 if value.message.type == "Advertisement" and value.concerned:
                     out["planned"] = self.trajectory(self.given["session"], 0, 1)
                 return out
-            case Cam():
+            case spec.Cam():
                 self.given = self._cam(value, now)
                 return {"cmd": "receive", "message": self.given}
-            case Command():
+            case spec.Command():
                 self.given = self._command(value, lease_ms or LONG_MS + value.proposal)
                 return {"cmd": "command", "command": self.given}
-        return {"cmd": "restart" if isinstance(value, Restart) else "advance"}
+        return {"cmd": "restart" if isinstance(value, spec.Restart) else "advance"}
 
-    def message(self, m: Message, lease_ms: int | None = None) -> dict[str, Json]:
+    def message(self, m: spec.Message, lease_ms: int | None = None) -> dict[str, Json]:
         """A received message with content."""
         if m.type == "Ack":
             about = {"type": m.of[0], "seq": self._acked(m)}
@@ -225,7 +214,7 @@ class Wire:
             self._cache[m] = self._received(m, lease_ms or LONG_MS + m.proposal)
         return self._cache[m]
 
-    def _received(self, m: Message, lease_ms: int) -> dict[str, Json]:
+    def _received(self, m: spec.Message, lease_ms: int) -> dict[str, Json]:
         s, k, seq = self.session(m.session), m.proposal, 0
         if m.seq:
             first = {"Prescription": 1 + k, "Acceptance": (1 if m.accepted else 11) + k}
@@ -254,7 +243,7 @@ class Wire:
 
         return wire_forms.message(self, m, seq, content)
 
-    def _acked(self, m: Message) -> int:
+    def _acked(self, m: spec.Message) -> int:
         """The seq that an Ack names. One that acknowledges no outbox entry names a seq that tests
         the check of END-6."""
         type_, k = m.of
@@ -272,7 +261,7 @@ class Wire:
         other = (e["seq"] for e in own if e["dst"] == src and e["type"] != type_)
         return next(foreign, next(other, ODD_SEQ))
 
-    def _cam(self, value: Cam, now: int) -> dict[str, Json]:
+    def _cam(self, value: spec.Cam, now: int) -> dict[str, Json]:
         if self.heard_ms is None or self.first_cam_ms is None:
             last = now - BEFORE_MS
             new = last + STEP_MS
@@ -281,7 +270,7 @@ class Wire:
             new = max(last + 1, generated + now - received)
         return wire_forms.cam(self, value.src, value.marks, new if value.newer else last)
 
-    def _command(self, value: Command, lease_ms: int) -> dict[str, Json]:
+    def _command(self, value: spec.Command, lease_ms: int) -> dict[str, Json]:
         details = {"lane": 2, "request": len(self.own) + 1} | (RICH_DETAILS if self.rich else {})
         plain: Json = {"scenario": self.scenario, "details": details}
         plain |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
@@ -301,10 +290,10 @@ class Wire:
 
     def expect(
         self,
-        before: State,
-        value: Input,
+        before: spec.State,
+        value: spec.Input,
         answer: OracleAnswer,
-        after: State,
+        after: spec.State,
         lease_left: int,
         now: int,
     ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
@@ -330,7 +319,7 @@ class Wire:
             self._remember(before, after, new, value, now)
         return messages, self._indications(effect.indication, before, after, lease_left)
 
-    def _sent(self, m: Message) -> dict[str, Json]:
+    def _sent(self, m: spec.Message) -> dict[str, Json]:
         """A new message, or an answer, of the station."""
         given = self.given or {}
 
@@ -352,10 +341,10 @@ class Wire:
 
     def _remember(
         self,
-        before: State,
-        after: State,
+        before: spec.State,
+        after: spec.State,
         new: list[tuple[Key, dict[str, Json]]],
-        value: Input,
+        value: spec.Input,
         now: int,
     ) -> None:
         if before.session != after.session:
@@ -376,14 +365,14 @@ class Wire:
             del self.outbox[key]
         if after.phase != "ADVERTISING":
             self.advertisement = None
-        if isinstance(value, Cam) and self.given is not None:
+        if isinstance(value, spec.Cam) and self.given is not None:
             self.heard_ms = generated = self.given["generation_ms"]
             self.first_cam_ms = self.first_cam_ms or (generated, now)
         elif after.phase != "ACTUATING":
             self.heard_ms = self.first_cam_ms = None
 
     def _indications(
-        self, indication: tuple[str, ...], before: State, after: State, lease_left: int
+        self, indication: tuple[str, ...], before: spec.State, after: spec.State, lease_left: int
     ) -> list[dict[str, Json]]:
         name = indication[0]
         if name == "nothing":
@@ -408,10 +397,10 @@ class Wire:
                 out["reason"] = given["reason"] if indication[1] == "as_sent" else indication[1]
         return [out]
 
-    def timer(self, t: Timer) -> dict[str, Json]:
+    def timer(self, t: spec.Timer) -> dict[str, Json]:
         """A timer as in a log, but with its whole message, whose seq may not be known yet."""
         match t:
-            case (name, Entry() as e):
+            case (name, spec.Entry() as e):
                 message = self.outbox.get(e[:4])
                 if message is None:
                     message = {"type": e.type, "session": self.session(e.session), "seq": 1}

@@ -42,17 +42,8 @@ from pydantic import BaseModel, BeforeValidator
 from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_conformance.exchange.results import LEVELS, Level
 from automcm_spec.graph.oracle import Effect
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.rules import RULES, kind
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Message,
-    Receive,
-    State,
-)
 
 Features = tuple[Any, ...]
 Wanted = Annotated[frozenset[Any], BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
@@ -99,21 +90,23 @@ def load(path: Path = PATH) -> tuple[Purpose, ...]:
     return tuple(map(Purpose.model_validate, rows))
 
 
-def input_kind(i: Input) -> str:
+def input_kind(i: spec.Input) -> str:
     """The kind of an input, such as ``receive Ack``, ``cam``, ``command close``, ``expire hold`` or
     ``restart``. The timers of a message carry its type: ``expire resend Fin``."""
     match i:
-        case Expire(timer=(_, Entry() as entry)):
+        case spec.Expire(timer=(_, spec.Entry() as entry)):
             return f"{kind(i)} {entry.type}"
-        case Cam():
+        case spec.Cam():
             return i.kind
     return kind(i)
 
 
-def features(state: State, i: Input, effect: Effect, changes: bool, third: bool) -> Features:
+def features(
+    state: spec.State, i: spec.Input, effect: Effect, changes: bool, third: bool
+) -> Features:
     """The values that selectors examine, in the order of ``FEATURES``; None if there is none."""
     own = accepted = answer = reason = of = why = None
-    if isinstance(i, Receive):
+    if isinstance(i, spec.Receive):
         message = i.message
         own = state.session == message.session
         answer = message.seq == 0
@@ -121,7 +114,7 @@ def features(state: State, i: Input, effect: Effect, changes: bool, third: bool)
             of = message.of[0]
         elif message.type in ("Acceptance", "Cancel"):
             accepted, reason = message.accepted, message.reason
-    elif isinstance(i, Command):
+    elif isinstance(i, spec.Command):
         own = state.session == i.session
     if effect.rule in WHY:
         why = WHY[effect.rule](state, i, changes)
@@ -132,7 +125,7 @@ def features(state: State, i: Input, effect: Effect, changes: bool, third: bool)
     )
 
 
-def _sent(messages: Sequence[Message]) -> str:
+def _sent(messages: Sequence[spec.Message]) -> str:
     """The types sent; an answer with a reason is given with it."""
     names = [
         f"{m.type}({m.reason})" if m.seq == 0 and m.reason != "none" else m.type for m in messages
@@ -140,9 +133,9 @@ def _sent(messages: Sequence[Message]) -> str:
     return names[0] if len(names) == 1 else " + ".join(sorted(names))
 
 
-def _fault(state: State, i: Input, changes: bool) -> str:
+def _fault(state: spec.State, i: spec.Input, changes: bool) -> str:
     """END-5: the first error of the message."""
-    assert isinstance(i, Receive)
+    assert isinstance(i, spec.Receive)
     m = i.message
     if m.src == 1:
         return "echo"
@@ -160,11 +153,11 @@ def _fault(state: State, i: Input, changes: bool) -> str:
     return "not the target" if m.src != state.target else "not sent yet"
 
 
-def _ack(state: State, i: Input, changes: bool) -> str | None:
+def _ack(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """END-6: the mismatch of an Ack with the outbox entry it comes closest to."""
     if changes:
         return None
-    assert isinstance(i, Receive)
+    assert isinstance(i, spec.Receive)
     m = i.message
     if m.of[1] == 0:
         return "seq 0"
@@ -183,9 +176,9 @@ def _ack(state: State, i: Input, changes: bool) -> str | None:
     return ("nothing waits", "type", "seq", "session")[best]
 
 
-def _cam(state: State, i: Input, changes: bool) -> str | None:
+def _cam(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """ACT-5: why a CAM does not count."""
-    if not isinstance(i, Cam) or changes:
+    if not isinstance(i, spec.Cam) or changes:
         return None
     if state.phase != "ACTUATING":
         return "phase"
@@ -196,44 +189,44 @@ def _cam(state: State, i: Input, changes: bool) -> str | None:
     return "other mark" if i.marks else "no mark"
 
 
-def _stale(state: State, i: Input, changes: bool) -> str | None:
+def _stale(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """PRE-5: the wrong part of the command."""
-    if not isinstance(i, Command):
+    if not isinstance(i, spec.Command):
         return None
     return "session" if i.session != state.session else "proposal"
 
 
-def _joined(state: State, i: Input, changes: bool) -> str | None:
+def _joined(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """ADV-8: an Advertisement of the newest session joined, or of an older one."""
-    if not isinstance(i, Receive):
+    if not isinstance(i, spec.Receive):
         return None
     return "copy" if i.message.session in state.joined else "older"
 
 
-def _proposal(state: State, i: Input, changes: bool) -> str | None:
+def _proposal(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """NEG-1: a copy of the newest Prescription, or an older one."""
     if changes:
         return None
-    assert isinstance(i, Receive)
+    assert isinstance(i, spec.Receive)
     return "copy" if i.message.proposal == state.proposal else "older"
 
 
-def _withdraws(state: State, i: Input, changes: bool) -> str | None:
+def _withdraws(state: spec.State, i: spec.Input, changes: bool) -> str | None:
     """END-2: a Cancel in ADVERTISING from a station that is recorded, or not."""
     if state.phase != "ADVERTISING":
         return None
-    assert isinstance(i, Receive)
+    assert isinstance(i, spec.Receive)
     return "recorded" if i.message.src in state.recorded else "not recorded"
 
 
-def _full(state: State, i: Input, changes: bool) -> str:
+def _full(state: spec.State, i: spec.Input, changes: bool) -> str:
     """MEM-1: the list that is full."""
-    if isinstance(i, Receive) and i.message.type == "Intention":
+    if isinstance(i, spec.Receive) and i.message.type == "Intention":
         return "participants"
     return "outbox" if len(state.outbox) > ROOM else "memory"
 
 
-WHY: dict[str, Callable[[State, Input, bool], str | None]] = {
+WHY: dict[str, Callable[[spec.State, spec.Input, bool], str | None]] = {
     "END-5": _fault,
     "END-6": _ack,
     "ACT-5": _cam,
@@ -254,7 +247,7 @@ class Owners:
         self._seen: dict[Features, Purpose | None] = {}
 
     def owner(
-        self, state: State, i: Input, effect: Effect, changes: bool, third: bool = False
+        self, state: spec.State, i: spec.Input, effect: Effect, changes: bool, third: bool = False
     ) -> Purpose | None:
         """The first purpose whose selector matches; None if there is none."""
         key = features(state, i, effect, changes, third)

@@ -9,20 +9,9 @@ from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.exchange.malformed_messages import named_by_acks
 from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Message,
-    Receive,
-    Restart,
-    Session,
-    Timer,
-)
 
 
 class Wait(NamedTuple):
@@ -34,81 +23,83 @@ class Wait(NamedTuple):
 class At(NamedTuple):
     """An input at the very time at which a timer expires."""
 
-    timer: Timer
-    input: Input
+    timer: spec.Timer
+    input: spec.Input
 
 
 class Late(NamedTuple):
     """Let time pass with one line, beyond deadlines; then an input."""
 
     ms: int
-    input: Input | None = None
+    input: spec.Input | None = None
 
 
 class With(NamedTuple):
     """An input whose message or command has other values in these fields."""
 
     fields: dict[str, Any]
-    input: Input
+    input: spec.Input
 
 
 class Older(NamedTuple):
     """A CAM with a generation time this long before that of the last one that counted."""
 
     ms: int
-    input: Cam
+    input: spec.Cam
 
 
 class Ahead(NamedTuple):
     """A CAM with a generation time this much above the latest that may count (ACT-5)."""
 
     ms: int
-    input: Cam
+    input: spec.Cam
 
 
-Script: TypeAlias = Sequence[Input | Wait | At | Late | With | Older | Ahead]
+Script: TypeAlias = Sequence[spec.Input | Wait | At | Late | With | Older | Ahead]
 USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
 GIVEUP_MS = derived(USUAL)["t_giveup"]
 Y, MINE, THEIRS = 2, (1, 1), (2, 1)
-RESTART = Restart("restart")
+RESTART = spec.Restart("restart")
 
 
 def received(
     type_: str,
-    session: Session,
+    session: spec.Session,
     k: int = 1,
     accepted: bool = False,
     of: tuple[str, int] = ("none", 0),
     source: int = Y,
-) -> Receive:
+) -> spec.Receive:
     """A message of a peer; ``seq`` is that of the oracle."""
     proposal = k if type_ in ("Prescription", "Acceptance") else 0
     refused = type_ == "Cancel" or (type_ == "Acceptance" and not accepted)
     to = 0 if type_ == "Advertisement" else 1
     seq = 0 if type_ == "Ack" else k
     reason = "as_sent" if refused else "none"
-    message = Message(type_, source, to, session, seq, proposal, accepted, reason, of)
-    return Receive("receive", message, type_ != "Ack")
+    message = spec.Message(type_, source, to, session, seq, proposal, accepted, reason, of)
+    return spec.Receive("receive", message, type_ != "Ack")
 
 
-def cam(source: int, session: Session) -> Cam:
+def cam(source: int, session: spec.Session) -> spec.Cam:
     """A new CAM of a peer that names this session."""
-    return Cam("cam", source, frozenset({session}), True)
+    return spec.Cam("cam", source, frozenset({session}), True)
 
 
-def command(name: str, session: Session, k: int = 0, target: int = 0) -> Command:
+def command(name: str, session: spec.Session, k: int = 0, target: int = 0) -> spec.Command:
     """A command of the application."""
-    return Command("command", name, session, k, target)
+    return spec.Command("command", name, session, k, target)
 
 
-def entry(type_: str, to: int, session: Session, k: int = 1, accepted: bool = False) -> Entry:
+def entry(
+    type_: str, to: int, session: spec.Session, k: int = 1, accepted: bool = False
+) -> spec.Entry:
     """An entry of the outbox."""
-    return Entry(type_, to, session, k, accepted)
+    return spec.Entry(type_, to, session, k, accepted)
 
 
-def expire(name: str, *of: Entry | int) -> Expire:
+def expire(name: str, *of: spec.Entry | int) -> spec.Expire:
     """The expiry of a timer."""
-    return Expire("expire", (name, *of))  # type: ignore[arg-type]
+    return spec.Expire("expire", (name, *of))  # type: ignore[arg-type]
 
 
 ADVERTISED = received("Advertisement", THEIRS)
@@ -137,12 +128,12 @@ NEXT, AFTER = (2, 2), (1, 2)
 
 
 def as_prescriber(
-    session: Session, peer: int, refused: bool, closes: Input = WINDOW
-) -> list[Input]:
+    session: spec.Session, peer: int, refused: bool, closes: spec.Input = WINDOW
+) -> list[spec.Input]:
     """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused;
     ``closes``: ends the advertising window."""
     k = 2 if refused else 1
-    rounds: list[Input] = [
+    rounds: list[spec.Input] = [
         received("Acceptance", session, 1, source=peer),
         command("prescribe", session, 2, peer),
     ]
@@ -161,10 +152,10 @@ def as_prescriber(
     ]
 
 
-def as_receiver(session: Session, refuses: bool) -> list[Input]:
+def as_receiver(session: spec.Session, refuses: bool) -> list[spec.Input]:
     """A session of another station, up to its Fin; ``refuses``: the first proposal is refused."""
     peer, k = session[0], 2 if refuses else 1
-    rounds: list[Input] = [
+    rounds: list[spec.Input] = [
         command("refuse", session, 1),
         received("Prescription", session, 2, source=peer),
     ]
@@ -184,12 +175,12 @@ def as_receiver(session: Session, refuses: bool) -> list[Input]:
 AGAIN: Script = [*as_receiver(NEXT, False)[:5], Wait(400), cam(Y, NEXT)]
 """Another session of the same prescriber, with one CAM received."""
 
-WAITING: list[Input] = [ADVERTISED, INTENTION_ACKED]
-VERIFYING: list[Input] = [*WAITING, INSTRUCTED]
-COMMITTED: list[Input] = [*VERIFYING, ACCEPT]
-CHOOSING: list[Input] = [REQUEST, INTENDED, WINDOW]
-PRESCRIBING: list[Input] = [*CHOOSING, PRESCRIBE]
-ACTING: list[Input] = [*PRESCRIBING, ACCEPTED]
+WAITING: list[spec.Input] = [ADVERTISED, INTENTION_ACKED]
+VERIFYING: list[spec.Input] = [*WAITING, INSTRUCTED]
+COMMITTED: list[spec.Input] = [*VERIFYING, ACCEPT]
+CHOOSING: list[spec.Input] = [REQUEST, INTENDED, WINDOW]
+PRESCRIBING: list[spec.Input] = [*CHOOSING, PRESCRIBE]
+ACTING: list[spec.Input] = [*PRESCRIBING, ACCEPTED]
 _RECEIVING = [*COMMITTED, ACCEPTANCE_ACKED]
 
 TIMERS: dict[str, list[Script]] = {
@@ -246,7 +237,7 @@ TIMERS: dict[str, list[Script]] = {
 """Scripts that arm each timer; each ends with its expiry."""
 
 _INTENTION, _PRESCRIPTION = (entry("Intention", Y, THEIRS), entry("Prescription", Y, MINE))
-_DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
+_DUE: list[tuple[Script, spec.Timer, Sequence[spec.Input]]] = [
     (
         [ADVERTISED],
         ("giveup", _INTENTION),
@@ -315,7 +306,7 @@ CONTENT: dict[str, list[Script]] = {
 }
 """Exchanges in which a message of the type is sent, sent again, or answered."""
 
-RECEIVED: dict[str, tuple[Script, Input, Script]] = {
+RECEIVED: dict[str, tuple[Script, spec.Input, Script]] = {
     "Advertisement": ([], ADVERTISED, [INTENTION_ACKED]),
     "Intention": ([REQUEST], INTENDED, [WINDOW, PRESCRIBE]),
     "Prescription": (WAITING, INSTRUCTED, [ACCEPT, Wait(200)]),
@@ -329,14 +320,14 @@ RECEIVED: dict[str, tuple[Script, Input, Script]] = {
 followers."""
 
 
-def _older(cam: Cam) -> Sequence[Script]:
+def _older(cam: spec.Cam) -> Sequence[Script]:
     """CAMs that do not count, from the last one back to time 0."""
     again = cam._replace(newer=False)
     steps: Script = [Older(ms, again) for ms in (0, 1, 50, 100, 101, 10**9)]
     return [[step] for step in steps] + [steps[::-1]]
 
 
-def _ahead(cam: Cam) -> Sequence[Script]:
+def _ahead(cam: spec.Cam) -> Sequence[Script]:
     """CAMs at the latest generation time that may count, and beyond it."""
     again = cam._replace(newer=False)
     beyond: list[Script] = [[Ahead(ms, again)] for ms in (1, 1000, LIMIT)]
@@ -350,13 +341,13 @@ def _ahead(cam: Cam) -> Sequence[Script]:
 
 
 _INTENDED_3 = received("Intention", MINE, source=3)
-_BOTH_RECORDED: list[Input] = [REQUEST, _INTENDED_3, INTENDED, WINDOW]
+_BOTH_RECORDED: list[spec.Input] = [REQUEST, _INTENDED_3, INTENDED, WINDOW]
 _TO_3 = entry("Cancel", 3, MINE)
 _CANCEL_ACKED = received("Ack", MINE, of=("Cancel", 1))
 _CANCEL_ACKED_3 = received("Ack", MINE, of=("Cancel", 1), source=3)
 _WITHDRAWN_3 = received("Cancel", MINE, source=3)
 _LEAVE_NEXT = command("abort", NEXT)
-_TWO_LEFT: list[Input] = [ADVERTISED, LEAVE, received("Advertisement", NEXT), _LEAVE_NEXT]
+_TWO_LEFT: list[spec.Input] = [ADVERTISED, LEAVE, received("Advertisement", NEXT), _LEAVE_NEXT]
 ROOM: list[Script] = [
     [*_TWO_LEFT, REQUEST],
     [REQUEST, INTENDED, ABORT, ADVERTISED, LEAVE, received("Advertisement", NEXT), REQUEST],
@@ -370,7 +361,7 @@ _AGAIN = [received("Ack", MINE, of=("Fin", 1)), *as_prescriber(AFTER, Y, False)[
 """Another own session, from the end of the first one to ACTUATING."""
 
 
-def _anew(first: Cam, between: Script, cam: Cam) -> list[Script]:
+def _anew(first: spec.Cam, between: Script, cam: spec.Cam) -> list[Script]:
     """In each of two sessions a first CAM, of which one is generated long before the other."""
     found: list[Script] = []
     for one, other in ((0, 10**9), (10**9, 0)):
@@ -381,7 +372,7 @@ def _anew(first: Cam, between: Script, cam: Cam) -> list[Script]:
 
 
 def _cams(
-    role: str, begin: Script, heard: Cam, between: Script, next_heard: Cam
+    role: str, begin: Script, heard: spec.Cam, between: Script, next_heard: spec.Cam
 ) -> dict[str, Sequence[Script]]:
     """CAMs that do not count, in ACTUATING. ``between``: the inputs from there to the next
     session's."""
@@ -394,8 +385,8 @@ def _cams(
 
 _CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
 
-_OVERHEARD: list[Input] = [
-    Receive("receive", value.message._replace(dst=STRANGER, session=MINE), True)
+_OVERHEARD: list[spec.Input] = [
+    spec.Receive("receive", value.message._replace(dst=STRANGER, session=MINE), True)
     for value in (
         INTENDED,
         INSTRUCTED,

@@ -17,17 +17,8 @@ from typing import Any
 from automcm_conformance.adapter.kit_paths import SUITE
 from automcm_spec.graph.oracle import Oracle, OracleAnswer, OracleError
 from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.json_forms import canonical
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Receive,
-    Session,
-    State,
-)
 
 PEERS = 2, 3
 STRANGER = 9
@@ -57,28 +48,28 @@ def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[OracleAnswer]:
                 yield answer
 
 
-View = tuple[int, Session | None, bool]
+View = tuple[int, spec.Session | None, bool]
 """The peer and the session of an input, and whether remembered sessions matter."""
 Seen = tuple[Any, ...]
 """The part of a state that such an input can affect."""
 
 
-def _touches(i: Input) -> View:
+def _touches(i: spec.Input) -> View:
     match i:
-        case Receive(message=m):
+        case spec.Receive(message=m):
             return m.src, m.session, m.type == "Advertisement"
-        case Cam():
+        case spec.Cam():
             return i.src, None, False
-        case Expire(timer=(_, Entry() as e)):
+        case spec.Expire(timer=(_, spec.Entry() as e)):
             return e.to, e.session, False
-        case Expire(timer=(_, int(p))):
+        case spec.Expire(timer=(_, int(p))):
             return p, None, True
-        case Command():
+        case spec.Command():
             return 0, None, i.name == "request"
     return 0, None, False
 
 
-def _view(st: State, view: View) -> Seen:
+def _view(st: spec.State, view: View) -> Seen:
     """The part of a state that an input can affect."""
     y, session, remembered = view
     bound = st.session
@@ -99,7 +90,7 @@ def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     """Whether the answer is the same without this peer. Its session becomes a stranger's."""
     state, i = two.states[answer.state], two.inputs[answer.input]
     (speaker, sessions), about = _named(i), _peers(i)
-    if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
+    if away in about and (away in speaker or not isinstance(i, spec.Receive | spec.Cam)):
         return False
     bound = {state.session[0], state.target, *state.recorded, *state.withdrawn}
     if away in about and away in bound:
@@ -107,7 +98,7 @@ def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     if any(_goes(state, away, session) for session in sessions):
         return False
 
-    def to(session: Session) -> Session:
+    def to(session: spec.Session) -> spec.Session:
         p, n = session
         return (STRANGER, 1) if p in (away, STRANGER) else (2, n) if p in PEERS else session
 
@@ -126,23 +117,23 @@ def _image(two: Oracle, one: Oracle, answer: OracleAnswer, away: int) -> bool:
     )
 
 
-def _named(i: Input) -> tuple[set[int], Collection[Session]]:
+def _named(i: spec.Input) -> tuple[set[int], Collection[spec.Session]]:
     """The sender and the addressee of a message or CAM; the sessions that it or a command names."""
     match i:
-        case Receive(message=m):
+        case spec.Receive(message=m):
             return {m.src, m.dst}, [m.session]
-        case Cam():
+        case spec.Cam():
             return {i.src}, i.marks
-        case Command():
+        case spec.Command():
             return set(), [i.session]
     return set(), []
 
 
-def _peers(i: Input) -> set[int]:
+def _peers(i: spec.Input) -> set[int]:
     """The peers that an input names."""
     found: list[int] = []
 
-    def note(session: Session) -> Session:
+    def note(session: spec.Session) -> spec.Session:
         found.append(session[0])
         return session
 
@@ -150,14 +141,14 @@ def _peers(i: Input) -> set[int]:
     return {*found} & {*PEERS}
 
 
-def _goes(state: State, away: int, session: Session) -> bool:
+def _goes(state: spec.State, away: int, session: spec.Session) -> bool:
     """Whether the station's part in this session ends with that peer."""
     if state.session == session and _without(state, away).phase == "STANDALONE":
         return True
     return any(e.to == away and e.session == session for e in state.outbox)
 
 
-def _without(state: State, away: int) -> State:
+def _without(state: spec.State, away: int) -> spec.State:
     """The state without a peer; the station leaves its session if the peer is in it."""
     out = state._replace(
         recorded=state.recorded - {away},
@@ -168,11 +159,11 @@ def _without(state: State, away: int) -> State:
     chooses_none = out.phase == "CHOOSING" and not out.recorded
     if away in (state.session[0], state.target) or chooses_none:
         none = frozenset[int]()
-        return State("STANDALONE", "none", (0, 0), none, none, 0, 0, False, False, *out[9:])
+        return spec.State("STANDALONE", "none", (0, 0), none, none, 0, 0, False, False, *out[9:])
     return out
 
 
-def _swap(session: Session) -> Session:
+def _swap(session: spec.Session) -> spec.Session:
     p, n = session
     return {2: 3, 3: 2}.get(p, p), n
 

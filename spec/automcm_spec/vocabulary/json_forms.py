@@ -13,15 +13,7 @@ from functools import cache
 from typing import Any, get_args, get_origin, get_type_hints
 
 from automcm_spec.vocabulary import station
-from automcm_spec.vocabulary.station import (
-    Entry,
-    Input,
-    Message,
-    OpenStation,
-    Session,
-    State,
-    Timer,
-)
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.tla_names import snake
 
 Json = Any
@@ -38,59 +30,59 @@ def to_json(value: Any) -> Json:
     return json.loads(canonical(value))
 
 
-def open_station(constants: Mapping[str, Json]) -> OpenStation:
+def open_station(constants: Mapping[str, Json]) -> spec.OpenStation:
     """The compiled station with these constants of OpenStation, in the form of a graph."""
     given: dict[str, Any] = {
         snake(name): frozenset(value) if isinstance(value, list) else value
         for name, value in constants.items()
     }
-    return OpenStation(**given)
+    return spec.OpenStation(**given)
 
 
-def state(value: Json) -> State:
+def state(value: Json) -> spec.State:
     """The state with this JSON form, or in this record."""
-    made: State = _reader(State)(value)
+    made: spec.State = _reader(spec.State)(value)
     return made
 
 
-def message(value: Json) -> Message:
+def message(value: Json) -> spec.Message:
     """The message with this JSON form."""
-    made: Message = _reader(Message)(value)
+    made: spec.Message = _reader(spec.Message)(value)
     return made
 
 
-def sessions(value: Json) -> frozenset[Session]:
+def sessions(value: Json) -> frozenset[spec.Session]:
     """The set of the sessions in a list."""
     return frozenset(map(tuple, value))
 
 
-def timer(value: Json) -> Timer:
+def timer(value: Json) -> spec.Timer:
     """The timer with this JSON form."""
     name, *about = value
     if not about:
         return (name,)
     (of,) = about
-    station_or_entry: Any = of if isinstance(of, int | str) else _reader(Entry)(of)
+    station_or_entry: Any = of if isinstance(of, int | str) else _reader(spec.Entry)(of)
     return name, station_or_entry
 
 
-def input_of(value: Json) -> Input:
+def input_of(value: Json) -> spec.Input:
     """The input with this JSON form. Raises KeyError for an unknown kind."""
     kind = value["kind"] if isinstance(value, Mapping) else value[0]
-    made: Input = _reader(_inputs()[kind])(value)
+    made: spec.Input = _reader(_inputs()[kind])(value)
     return made
 
 
 @cache
 def _inputs() -> dict[str, Any]:
     """The class of each kind of input."""
-    return {get_args(get_type_hints(one)["kind"])[0]: one for one in get_args(Input)}
+    return {get_args(get_type_hints(one)["kind"])[0]: one for one in get_args(spec.Input)}
 
 
 @cache
 def _reader(annotation: Any) -> Callable[[Json], Any]:
     """A function that reads values with this annotation."""
-    if annotation == Timer:
+    if annotation == spec.Timer:
         return timer
     args = get_args(annotation)
     if get_origin(annotation) is frozenset:

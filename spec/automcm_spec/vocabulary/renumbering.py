@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Message,
-    Receive,
-    Session,
-    State,
-    Timer,
-)
+from automcm_spec.vocabulary import station as spec
 
-Rename = Callable[[Session], Session]
+Rename = Callable[[spec.Session], spec.Session]
 """Maps a session to a session. A station maps to the prescriber of the session that its session 1
 maps to."""
 
@@ -27,27 +16,27 @@ def station(p: int, to: Rename) -> int:
     return to((p, 1))[0]
 
 
-def entry(e: Entry, to: Rename) -> Entry:
+def entry(e: spec.Entry, to: Rename) -> spec.Entry:
     """An outbox entry with new ids."""
-    return Entry(e.type, station(e.to, to), to(e.session), *e[3:])
+    return spec.Entry(e.type, station(e.to, to), to(e.session), *e[3:])
 
 
-def message(m: Message, to: Rename) -> Message:
+def message(m: spec.Message, to: Rename) -> spec.Message:
     """A message with new ids."""
-    return Message(m.type, station(m.src, to), station(m.dst, to), to(m.session), *m[4:])
+    return spec.Message(m.type, station(m.src, to), station(m.dst, to), to(m.session), *m[4:])
 
 
-def timer(t: Timer, to: Rename) -> Timer:
+def timer(t: spec.Timer, to: Rename) -> spec.Timer:
     """A timer with new ids."""
     match t:
-        case (name, Entry() as e):
+        case (name, spec.Entry() as e):
             return name, entry(e, to)
         case (name, int(p)):
             return name, station(p, to)
     return t
 
 
-def state(st: State, to: Rename) -> State:
+def state(st: spec.State, to: Rename) -> spec.State:
     """A state with new ids."""
     return st._replace(
         session=to(st.session),
@@ -59,15 +48,15 @@ def state(st: State, to: Rename) -> State:
     )
 
 
-def input_of(i: Input, to: Rename) -> Input:
+def input_of(i: spec.Input, to: Rename) -> spec.Input:
     """An input with new ids."""
     match i:
-        case Receive(message=m):
-            return Receive("receive", message(m, to), i.concerned)
-        case Cam():
+        case spec.Receive(message=m):
+            return spec.Receive("receive", message(m, to), i.concerned)
+        case spec.Cam():
             return i._replace(src=station(i.src, to), marks=frozenset(map(to, i.marks)))
-        case Command():
+        case spec.Command():
             return i._replace(session=to(i.session), target=station(i.target, to))
-        case Expire(timer=t):
-            return Expire("expire", timer(t, to))
+        case spec.Expire(timer=t):
+            return spec.Expire("expire", timer(t, to))
     return i

@@ -22,17 +22,9 @@ from automcm_spec.log_format.log import (
     TimerEnd,
 )
 from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary.messages import session_in
 from automcm_spec.vocabulary.renumbering import Rename
-from automcm_spec.vocabulary.station import (
-    Expire,
-    Input,
-    OpenStation,
-    Outcome,
-    Restart,
-    Session,
-    State,
-)
 from automcm_traces.checker.track import NO_INDICATION, NUMBERED, UNBOUND, Limits, Track
 
 AHEAD = 3
@@ -43,7 +35,7 @@ STRANGER = -2
 """The stranger of OpenStation; no log uses this id."""
 
 
-class Alphabet(OpenStation):
+class Alphabet(spec.OpenStation):
     """OpenStation.tla over these ids and limits. A stranger has no session."""
 
     def __init__(
@@ -51,7 +43,7 @@ class Alphabet(OpenStation):
         limits: Limits,
         me: int,
         peers: Collection[int],
-        sessions: Collection[Session],
+        sessions: Collection[spec.Session],
         proposals: Collection[int],
     ) -> None:
         own = frozenset(n for q, n in sessions if q == me)
@@ -64,31 +56,31 @@ class Alphabet(OpenStation):
         self.foreign = frozenset()
         """The sessions of a stranger: none."""
 
-    def peer_ids(self, p: int) -> frozenset[Session]:
+    def peer_ids(self, p: int) -> frozenset[spec.Session]:
         """The named sessions of a peer."""
         return frozenset(s for s in self._named if s[0] == p)
 
     @cached_property
-    def proper(self) -> tuple[Input, ...]:
+    def proper(self) -> tuple[spec.Input, ...]:
         """All inputs that obey the protocol, except expiries, in a fixed order."""
-        found: set[Input] = {*self.commands, Restart("restart")}
+        found: set[spec.Input] = {*self.commands, spec.Restart("restart")}
         for p in self.peers:
             found |= self.heard(self.from_peer(p), True) | self.heard(self.acks(p), False)
             found |= self.cams(p)
         return tuple(sorted(found, key=repr))
 
     @cached_property
-    def broken(self) -> tuple[Input, ...]:
+    def broken(self) -> tuple[spec.Input, ...]:
         """All inputs that break the protocol (END-5), in a fixed order."""
         found = (m for p in self.peers for m in self.heard(self.improper(p), True))
         return tuple(sorted(found, key=repr))
 
-    def expiries(self, st: State) -> Iterator[Input]:
+    def expiries(self, st: spec.State) -> Iterator[spec.Input]:
         """The expiries of the armed timers."""
-        return (Expire("expire", timer) for timer in sorted(self.armed(self.me, st)))
+        return (spec.Expire("expire", timer) for timer in sorted(self.armed(self.me, st)))
 
 
-def alphabet(track: Track, named: Collection[int]) -> list[Input]:
+def alphabet(track: Track, named: Collection[int]) -> list[spec.Input]:
     """All inputs that are possible next, about the stations and sessions of the state and of
     ``named``.
 
@@ -114,7 +106,7 @@ LOGGED_AS = {"arm": "timer", "stop": "timer", "expire": "timer", "cam": "receive
 
 def unseen(
     t: Track, event: Event, effect: LoggedEffect | None, promised: frozenset[str]
-) -> Iterator[tuple[Input, bool, bool]]:
+) -> Iterator[tuple[spec.Input, bool, bool]]:
     """The inputs that may have come unobserved before an event, which may be this effect: each with
     whether it has the effect, and whether the log promises any of its effects.
 
@@ -145,7 +137,7 @@ def _moved(first: Mapping[int, int], by: int) -> Rename:
 @lru_cache(maxsize=8_000)
 def _unseen(
     effect: LoggedEffect | None, promised: frozenset[str], *about: Any
-) -> list[tuple[Input, bool, bool]]:
+) -> list[tuple[spec.Input, bool, bool]]:
     found = []
     for i, changes, effects in _answers(*about):
         shows = effect in effects
@@ -163,20 +155,20 @@ def _answers(
     limits: Limits,
     me: int,
     peers: frozenset[int],
-    sessions: frozenset[Session],
+    sessions: frozenset[spec.Session],
     proposals: frozenset[int],
-    st: State,
-) -> list[tuple[Input, bool, frozenset[LoggedEffect]]]:
+    st: spec.State,
+) -> list[tuple[spec.Input, bool, frozenset[LoggedEffect]]]:
     """One input for each distinct outcome, whether it changes the state or a timer, and its
     effects."""
     alphabet = _ALPHABETS(limits, me, peers, sessions, proposals)
-    first: dict[tuple[object, ...], Input] = {}
+    first: dict[tuple[object, ...], spec.Input] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
         if alphabet.offered(st, i):
             named = i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
             key = i if i.kind == "expire" else i.kind, named, alphabet.decide(me, st, i)
             first.setdefault(key, i)  # an equal effect has an equal outcome
-    found: dict[tuple[object, ...], tuple[Input, bool, frozenset[LoggedEffect]]] = {}
+    found: dict[tuple[object, ...], tuple[spec.Input, bool, frozenset[LoggedEffect]]] = {}
     for (kind, type_, _), i in first.items():
         outcome = alphabet.step(me, st, i)
         changes = bool(outcome.st != st or outcome.arm)
@@ -186,7 +178,7 @@ def _answers(
     return list(found.values())
 
 
-def _effects(outcome: Outcome) -> frozenset[LoggedEffect]:
+def _effects(outcome: spec.Outcome) -> frozenset[LoggedEffect]:
     found: set[LoggedEffect] = {("send", m.type, m.of[0]) for m in outcome.out}
     found |= {("arm", timer[0]) for timer in outcome.arm}
     found |= {("stop", timer[0]) for timer in outcome.stop}
@@ -210,7 +202,7 @@ def effect_of(event: Event) -> LoggedEffect | None:
     return None
 
 
-def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
+def _named_by(event: Event) -> tuple[set[int], set[spec.Session], set[int]]:
     """The stations, sessions and proposals that an event names."""
     fields: dict[str, object] = {}
     match event:
@@ -226,7 +218,7 @@ def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
             fields = {"target": SOMEBODY}  # of a command with a wrong target (PRE-2, NEG-7)
     names = ("src", "dst", "to", "target", "station")
     stations = {q for name in names if type(q := fields.get(name)) is int}
-    sessions: set[Session] = set()
+    sessions: set[spec.Session] = set()
     if (session := session_in(fields.get("session"))) is not None:
         sessions.add(session)
         stations.add(session[0])

@@ -25,30 +25,17 @@ from typing import Any, NamedTuple
 
 from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.writer import LogWriter
+from automcm_spec.vocabulary import station as spec
 from automcm_spec.vocabulary import wire_forms
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.messages import LIMIT
-from automcm_spec.vocabulary.station import (
-    Cam,
-    Command,
-    Entry,
-    Expire,
-    Input,
-    Message,
-    Outcome,
-    Receive,
-    Restart,
-    Session,
-    State,
-    Timer,
-)
 from automcm_traces.checker.track import REASONS
 
 Json = Any
 START_MS, STEP_MS, FAR_MS, LEASE_MS = 100, 20, 60_000, 20_000
-LEASE: Timer = ("lease",)
-Proposal = tuple[Session, int]
+LEASE: spec.Timer = ("lease",)
+Proposal = tuple[spec.Session, int]
 """A session, and the number of the proposal."""
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
 ADVERTISED = {"scenario": "lane_change", "details": {"lane": 2}}
@@ -64,8 +51,8 @@ class StepEffects(NamedTuple):
     """The outcome of a step, and the sessions that the station's CAMs name after it. All with the
     model's ids."""
 
-    outcome: Outcome
-    marks: frozenset[Session]
+    outcome: spec.Outcome
+    marks: frozenset[spec.Session]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +64,12 @@ class BehaviourStep:
     """
 
     station: int
-    before: State
-    input: Input | None
+    before: spec.State
+    input: spec.Input | None
     effects: StepEffects
     at_ms: int | None = None
     behind_ms: Mapping[int, int] = field(default_factory=dict)
-    deadlines: Mapping[Timer, int] | None = None
+    deadlines: Mapping[spec.Timer, int] | None = None
     cams: tuple[int, ...] = ()
 
 
@@ -129,12 +116,12 @@ class _Station:
     transmissions: int = 0
     cams: set[str] = field(default_factory=set)
     """The transmissions of the CAMs it has received."""
-    marks: frozenset[Session] = EMPTY
-    open: dict[Timer, int] = field(default_factory=dict)
+    marks: frozenset[spec.Session] = EMPTY
+    open: dict[spec.Timer, int] = field(default_factory=dict)
     """For each armed timer, the index of its arm event in ``events``."""
 
 
-Marked = tuple[str, int, frozenset[Session]]
+Marked = tuple[str, int, frozenset[spec.Session]]
 """A CAM: ``cam``, its sender and its marks."""
 
 
@@ -151,9 +138,9 @@ class _LogBuilder:
         self._attacked = attacked
         self._forgeries = 0
         self._stations = {s: _Station() for s in stations}
-        self._seqs: Counter[tuple[int, Session]] = Counter()
-        self._sent: dict[tuple[int, str, int, Session, int], dict[str, Json]] = {}
-        self._air: dict[Message | Marked, tuple[str, dict[str, Json]]] = {}
+        self._seqs: Counter[tuple[int, spec.Session]] = Counter()
+        self._sent: dict[tuple[int, str, int, spec.Session, int], dict[str, Json]] = {}
+        self._air: dict[spec.Message | Marked, tuple[str, dict[str, Json]]] = {}
         self._lease, self._times = _times(story, stations, lease_ms)
         self._last = max((t[-1] for t in self._times.values() if t), default=0)
 
@@ -189,25 +176,29 @@ class _LogBuilder:
         me = self._stations[h.station]
         received_message: dict[str, Json] = {}
         match h.input:
-            case Receive() | Cam() as i:
-                key = plain(i.message) if isinstance(i, Receive) else ("cam", i.src, i.marks)
+            case spec.Receive() | spec.Cam() as i:
+                key = plain(i.message) if isinstance(i, spec.Receive) else ("cam", i.src, i.marks)
                 if key not in self._air and self._attacked:
                     self._air[key] = self._forged(h, i, now)
                 if key not in self._air:
                     raise BehaviourError(f"step {n + 1}: received but never sent: {canonical(key)}")
                 tx, received_message = self._air[key]
                 fields: dict[str, Json] = {"tx": tx, "message": received_message}
-                if isinstance(i, Cam):
+                if isinstance(i, spec.Cam):
                     if i.newer and tx in me.cams:
                         received_message = received_message | {"generation_ms": LIMIT}
                         fields = {"message": received_message}
                     me.cams.add(tx)
-                if isinstance(i, Receive) and i.message.type == "Advertisement" and i.concerned:
+                if (
+                    isinstance(i, spec.Receive)
+                    and i.message.type == "Advertisement"
+                    and i.concerned
+                ):
                     fields["planned"] = PLANNED
                 me.events.append(("receive", now, fields | more))
-            case Command() as command:
+            case spec.Command() as command:
                 me.events.append(("command", now, {"command": self._command(command)} | more))
-            case Expire(timer=timer):
+            case spec.Expire(timer=timer):
                 named = self._timer(h.station, timer)
                 armed = me.open.pop(timer, None)
                 if armed is not None and h.at_ms is None:
@@ -218,12 +209,14 @@ class _LogBuilder:
         self._forget(h)
         return received_message
 
-    def _forged(self, h: BehaviourStep, i: Receive | Cam, now: int) -> tuple[str, dict[str, Json]]:
+    def _forged(
+        self, h: BehaviourStep, i: spec.Receive | spec.Cam, now: int
+    ) -> tuple[str, dict[str, Json]]:
         """The transmission and the message of an attacker."""
         self._forgeries += 1
         number = FORGED + self._forgeries
-        tx = f"{real_id(i.src if isinstance(i, Cam) else i.message.src)}:{number}"
-        if isinstance(i, Cam):
+        tx = f"{real_id(i.src if isinstance(i, spec.Cam) else i.message.src)}:{number}"
+        if isinstance(i, spec.Cam):
             return tx, _cam_message(i.src, now, i.marks)
         m = i.message
 
@@ -239,7 +232,7 @@ class _LogBuilder:
 
         return tx, wire_forms.message(NAMES, m, number if m.seq else 0, content)
 
-    def _given(self, name: str, session: Session, proposal: int) -> Json:
+    def _given(self, name: str, session: spec.Session, proposal: int) -> Json:
         """The content that an application gives."""
         lease_ms = self._lease.get((session, proposal), LEASE_MS)
         plain = ADVERTISED | {"planned": PLANNED, "hold_ms": 2000, "lease_ms": lease_ms}
@@ -249,9 +242,9 @@ class _LogBuilder:
     def _forget(self, h: BehaviourStep) -> None:
         """A station that forgets sessions also forgets their seqs (ADV-8, END-8)."""
         match h.input:
-            case Expire(timer=(_, int(p))):
+            case spec.Expire(timer=(_, int(p))):
                 gone = {p}
-            case Restart():
+            case spec.Restart():
                 gone = {session[0] for _, session in self._seqs}
             case _:
                 return
@@ -259,17 +252,17 @@ class _LogBuilder:
             if station == h.station and session[0] in gone:
                 del self._seqs[station, session]
 
-    def _command(self, i: Command) -> dict[str, Json]:
+    def _command(self, i: spec.Command) -> dict[str, Json]:
         return wire_forms.command(NAMES, i, lambda name: self._given(name, i.session, i.proposal))
 
     # -- effects
 
     def _send(
-        self, h: BehaviourStep, m: Message, now: int, received_message: dict[str, Json]
+        self, h: BehaviourStep, m: spec.Message, now: int, received_message: dict[str, Json]
     ) -> None:
         key = m.src, m.type, m.dst, m.session, m.seq
-        entry = Entry(m.type, m.dst, m.session, m.seq, m.accepted)
-        again = m.type == "Advertisement" and isinstance(h.input, Expire)
+        entry = spec.Entry(m.type, m.dst, m.session, m.seq, m.accepted)
+        again = m.type == "Advertisement" and isinstance(h.input, spec.Expire)
         if m.seq and key in self._sent and (again or entry in h.before.outbox):
             message = self._sent[key]
         else:
@@ -277,7 +270,7 @@ class _LogBuilder:
             if m.seq:
                 self._seqs[m.src, m.session] += 1
                 seq = self._seqs[m.src, m.session]
-            given = self._command(h.input) if isinstance(h.input, Command) else {}
+            given = self._command(h.input) if isinstance(h.input, spec.Command) else {}
             given |= {"planned": PLANNED, "reason": m.reason}
             given["of"] = {name: received_message.get(name) for name in ("type", "seq")}
             message = wire_forms.message(NAMES, m, seq, given.__getitem__)
@@ -289,7 +282,7 @@ class _LogBuilder:
         self._transmit(station, now, ("cam", station, marks), _cam_message(station, now, marks))
 
     def _transmit(
-        self, station: int, now: int, key: Message | Marked, message: dict[str, Json]
+        self, station: int, now: int, key: spec.Message | Marked, message: dict[str, Json]
     ) -> None:
         me = self._stations[station]
         me.transmissions += 1
@@ -297,7 +290,7 @@ class _LogBuilder:
         self._air[key] = tx, message
         me.events.append(("send", now, {"tx": tx, "message": message}))
 
-    def _arm(self, h: BehaviourStep, timer: Timer, now: int) -> None:
+    def _arm(self, h: BehaviourStep, timer: spec.Timer, now: int) -> None:
         me = self._stations[h.station]
         named = self._timer(h.station, timer)
         deadline = self._last + FAR_MS
@@ -311,11 +304,11 @@ class _LogBuilder:
             me.open[timer] = len(me.events)
         me.events.append(("timer", now, fields))
 
-    def _timer(self, station: int, timer: Timer) -> dict[str, Json]:
+    def _timer(self, station: int, timer: spec.Timer) -> dict[str, Json]:
         match timer:
             case (name, int(p)):
                 return {"name": name, "station": real_id(p)}
-            case (name, Entry(type=type_, to=to, session=session, seq=k)):
+            case (name, spec.Entry(type=type_, to=to, session=session, seq=k)):
                 about: dict[str, Json] = {"type": type_} | ({"to": real_id(to)} if to else {})
                 seq = self._sent[station, type_, to, session, k]["seq"]
                 about |= {"session": NAMES.session(session), "seq": seq}
@@ -390,7 +383,7 @@ def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal
     for n, h in enumerate(story):
         if h.station != station:
             continue
-        expired = h.input == Expire("expire", LEASE)
+        expired = h.input == spec.Expire("expire", LEASE)
         if running and (expired or LEASE in h.effects.outcome.stop):
             running.over, running.expired = n, expired
             running = None
@@ -400,7 +393,7 @@ def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal
     return found
 
 
-def _cam_message(station: int, now: int, marks: frozenset[Session]) -> dict[str, Json]:
+def _cam_message(station: int, now: int, marks: frozenset[spec.Session]) -> dict[str, Json]:
     return wire_forms.cam(NAMES, station, marks, now, now * 8)
 
 
@@ -408,14 +401,14 @@ class _Names:
     def station(self, station: int) -> int:
         return real_id(station)
 
-    def session(self, session: Session) -> list[int]:
+    def session(self, session: spec.Session) -> list[int]:
         return [real_id(session[0]), session[1]]
 
 
 NAMES = _Names()
 
 
-def plain(m: Message) -> Message:
+def plain(m: spec.Message) -> spec.Message:
     """A message as the radio of the model represents it (Plain in Network.tla)."""
     is_named = m.reason in REASONS
     return m if is_named else m._replace(reason="as_sent")
