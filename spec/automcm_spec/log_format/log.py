@@ -29,7 +29,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.dataclasses import dataclass
-from pydantic_core import SchemaValidator
+from pydantic_core import CoreSchema, SchemaValidator, core_schema
 from typing_extensions import TypeAliasType
 
 from automcm_spec.log_format.problems import not_an_integer, not_plain, problems_of
@@ -425,26 +425,52 @@ RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
 """Validates one line; ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
 
 
+class CamFields(dict[str, Any]):
+    """The fields of a well-formed CAM, in the order of ``Cam``."""
+
+    __slots__ = ()
+
+
+def _cam_fields() -> CoreSchema:
+    """The schema of a Cam, but that it gives CamFields: they take less time."""
+    cs, model, fields = core_schema, messages.Cam.__pydantic_core_schema__, {}
+    for name, field in model["schema"]["fields"].items():
+        form = field["schema"]
+        if name == "marks":  # lists, as in JSON
+            mark = cs.chain_schema([*form["items_schema"], cs.list_schema(strict=False)])
+            form = cs.list_schema(mark, max_length=form["max_length"])
+        required = form.get("default", 0) is not None
+        fields[name] = cs.typed_dict_field(form.get("schema", form), required=required)
+    form = cs.typed_dict_schema(fields, config=model["config"], extra_behavior="forbid")
+    return cs.no_info_after_validator_function(CamFields, form)
+
+
 _LATER: Final = "_without_vendor_fields", "_typed_message", "_check"
 """The checks that ``record`` makes itself."""
 
 
-def _without_checks(schema: Any) -> Any:
-    """A part of RECORD's schema without the checks of ``_LATER``; of a union's choices, the first
-    that fits is taken."""
+def _without_checks(schema: Any, message: CoreSchema | None = None) -> Any:
+    """A part of RECORD's schema without the checks of ``_LATER``, with this form of messages, if
+    any; of a union's choices, the first that fits is taken."""
     if isinstance(schema, list):
-        return [_without_checks(item) for item in schema]
+        return [_without_checks(item, message) for item in schema]
     if not isinstance(schema, dict):
         return schema
     has_check = schema.get("type") in ("function-before", "function-after")
     check = schema["function"]["function"] if has_check else None
+    if check is _typed_message and message is not None:
+        return message
     if getattr(check, "__name__", "") in _LATER:
-        return _without_checks(schema["schema"])
+        return _without_checks(schema["schema"], message)
     first = {"mode": "left_to_right"} if schema.get("type") == "union" else {}
-    return {key: _without_checks(item) for key, item in schema.items()} | first
+    return {key: _without_checks(item, message) for key, item in schema.items()} | first
 
 
+_CAMS: Final = TypeAdapter[Any](Annotated[Receive | Send, Field(discriminator="ev")])
 _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
+_QUICK_CAM: Final = SchemaValidator(
+    _without_checks(_CAMS.core_schema, _cam_fields()), _use_prebuilt=False
+)
 """Not prebuilt, because a prebuilt validator would include the checks of the classes."""
 
 
@@ -455,8 +481,15 @@ _FREE: Final = {ApplicationCommand: "command", ApplicationIndication: "indicatio
 def record(line: bytes) -> Record:
     """One line, validated as by RECORD, in about half the time: only lines that may contain nulls
     or vendor fields, and lines that are rejected, are checked for these."""
+    found: Record
+    if b'"CAM"' in line and b"null" not in line:
+        try:
+            found = _QUICK_CAM.validate_json(line)
+            return found._check() if isinstance(found, Receive) else found
+        except ValueError:
+            pass
     try:
-        found: Record = _QUICK.validate_json(line)
+        found = _QUICK.validate_json(line)
         if isinstance(found, OF_MESSAGE) and found.message is not None:
             _typed_message(found.message)
         if isinstance(found, Receive):
@@ -487,15 +520,19 @@ def unknown_event(error: ValidationError) -> bool:
 _VALIDATE: Final = MESSAGE.validator.validate_python
 
 
-def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
+def typed(m: Fields) -> messages.Message | CamFields | list[tuple[str, str]]:
     """The message with these fields, or the list of its malformed fields with the problem of each
     (END-5). The addressee is not part of the form."""
+    if isinstance(m, CamFields):
+        return m
     try:
         message: messages.Message | messages.Cam = _VALIDATE(m)
     except ValidationError as error:
         return problems_of(error)
     absent = missing(message)
-    return [(name, "missing") for name in sorted(absent)] if absent else message
+    if absent:
+        return [(name, "missing") for name in sorted(absent)]
+    return CamFields(m) if isinstance(message, messages.Cam) else message
 
 
 def problems(m: Fields) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 import json
 import tracemalloc
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from automcm_spec.log_format.log import RECORD, record
+from automcm_spec.log_format.log import RECORD, CamFields, record, typed
 from automcm_spec.log_format.reader import MOST_WARNINGS, LogStream, read
 from automcm_spec.support.bad_input import BadInput
 
@@ -131,11 +132,15 @@ JSON = st.recursive(
     ),
     max_leaves=8,
 )
+NUMBERS = ("src", "generation_ms", "x_mm", "y_mm", "heading_mrad", "speed_mm_s")
+CAM: Line = {"v": 1, "type": "CAM"} | dict.fromkeys(NUMBERS, 1) | {"marks": [[7, 1]], "sigma_mm": 6}
 EVENTS: list[Line] = [
     HEADER,
     restart(1),
     end(1),
     restart(1, ev="send", tx="7:1", message={"type": "CAM", "x_mm": 1}),
+    restart(1, ev="receive", message=CAM),
+    restart(1, ev="receive", message=CAM, rejected="stale"),
     restart(1, ev="receive", raw="AAA="),
     restart(1, ev="command", command={"name": "abort", "x_why": 1, "session": [7, 1]}),
     restart(1, ev="indication", indication={"name": "fallback", "why": [1, {"a": True}]}),
@@ -202,10 +207,27 @@ def with_each_value(value: Any, other: Any) -> Iterator[Any]:
     yield other
 
 
-@pytest.mark.parametrize("other", [0.0, -0.0, 1.0, 2.0, 1e3, 0.5, 1, True, "1", [0.0], {"a": 1.0}])
-def test_the_quick_way_takes_no_float_for_an_integer(other: Any) -> None:
+BOUNDS = [0, 2, 2**32, -(2**53), 2**53, 1.0, True, "1", [], [1], [[7, 1]] * 255, [[7, 1]] * 256]
+ODD = [None, 0.0, -0.0, 1.0, 2.0, 1e3, 0.5, 1, True, "1", [0.0], {"a": 1.0}]
+
+
+@pytest.mark.parametrize("other", ODD)
+def test_the_quick_way_takes_no_odd_value(other: Any) -> None:
     lines = [*EVENTS, restart(1, ev="send", tx="7:1", message={"type": "Fin", "a": [[1]]})]
     for line in lines:
         for changed in with_each_value(line, other):
             data = json.dumps(changed).encode()
             assert repr(outcome(data, True)) == repr(outcome(data, False)), data
+
+
+@pytest.mark.parametrize("other", BOUNDS)
+def test_end_5_a_cam_in_a_record_is_as_well_formed_as_its_fields(other: Any) -> None:
+    def read(fields: Any) -> Any:
+        return record(json.dumps(restart(1, ev="send", tx="7:1", message=fields)).encode())
+
+    assert isinstance(read(CAM).message, CamFields)
+    more = ({**CAM, name: other} for name in ("length_mm", "station_type", "x_y", "dst"))
+    less = ({key: CAM[key] for key in CAM if key != name} for name in CAM if name != "type")
+    for fields in [*with_each_value(CAM, other), *more, *less]:
+        with suppress(ValidationError):  # a float
+            assert typed(read(fields).message) == typed(fields), fields

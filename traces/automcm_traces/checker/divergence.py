@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
-from automcm_spec.log_format.log import ForgetTimer, MessageKey, MessageTimer, Part
+from automcm_spec.log_format.log import CamFields, ForgetTimer, MessageKey, MessageTimer, Part
 from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
-from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
+from automcm_spec.vocabulary.messages import Ack, Fields, Message
 from automcm_spec.vocabulary.rules import RULES, handler, kind
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
@@ -135,7 +135,7 @@ class Question:
     """
 
     def __init__(
-        self, track: Track, given: Message | Cam | None = None, content: Fields | None = None
+        self, track: Track, given: Message | CamFields | None = None, content: Fields | None = None
     ) -> None:
         self._track = track
         self._given: dict[str, object] = {}
@@ -378,14 +378,14 @@ def _state(t: Track) -> str:
 def _ignored_cam(d: Diverges, track: Track) -> str:
     """Why the received CAM of this step does not count (ACT-5); empty if it does."""
     m = None if d.step is None else d.step.given
-    if d.step is None or d.step.input.kind != "cam" or not isinstance(m, Cam):
+    if d.step is None or d.step.input.kind != "cam" or not isinstance(m, CamFields):
         return ""
     if d.step.input.newer or not d.step.input.marks:
         return ""
-    most = track.latest_cam(d.step.t_ms)
-    if most is not None and m.generation_ms > most:
-        ahead = f"generation_ms {m.generation_ms} is {m.generation_ms - most} ms more than {most}"
+    generated, most = m["generation_ms"], track.latest_cam(d.step.t_ms)
+    if most is not None and generated > most:
+        ahead = f"generation_ms {generated} is {generated - most} ms more than {most}"
         return f"the CAM of line {d.step.at} does not count: {ahead}, the bound (ACT-5.3)"
     last = f"that of line {track.last_cam_line}, {track.last_cam_ms}"
-    age = f"generation_ms {m.generation_ms} is not newer than {last}"
+    age = f"generation_ms {generated} is not newer than {last}"
     return f"the CAM of line {d.step.at} does not count: {age} (ACT-5)"

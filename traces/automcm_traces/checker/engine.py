@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from automcm_spec.log_format.log import (
     ApplicationCommand,
     ApplicationIndication,
+    CamFields,
     Event,
     ForgetTimer,
     Header,
@@ -27,7 +28,7 @@ from automcm_spec.log_format.log import (
     typed,
 )
 from automcm_spec.vocabulary import station as spec
-from automcm_spec.vocabulary.messages import Cam, Fields, Prescription
+from automcm_spec.vocabulary.messages import Fields, Prescription
 from automcm_spec.vocabulary.parameters import durations, lease_lasts, rank
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station
@@ -135,7 +136,7 @@ class Engine:
     def takes(self, fields: Fields) -> bool:
         """Whether the current step expects this message to be sent."""
         step, m = self.step, typed(fields)
-        if step is None or isinstance(m, list | Cam):
+        if step is None or isinstance(m, list | CamFields):
             return False
         new = step.content, step.fresh
         return any(e.difference(m, self.track, *new) is None for e in step.messages)
@@ -240,10 +241,10 @@ class Engine:
             if prescribed and t.state.phase == "NEGOTIATING" != was:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
         if step.input.kind == "cam" and step.changes:
-            t.last_cam_ms = m.generation_ms if isinstance(m, Cam) else t.last_cam_ms or 0
+            t.last_cam_ms = m["generation_ms"] if isinstance(m, CamFields) else t.last_cam_ms or 0
             t.last_cam_line = step.at
-            if isinstance(m, Cam) and t.first_cam_ms is None:
-                t.first_cam_ms = m.generation_ms, step.t_ms
+            if isinstance(m, CamFields) and t.first_cam_ms is None:
+                t.first_cam_ms = m["generation_ms"], step.t_ms
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Check the phase and the role after the step, where the log states them."""
@@ -268,7 +269,7 @@ class Engine:
                 if isinstance(m, list):  # END-5: the only effect is "discarded"
                     mine = fields.get("dst", self.track.me) == self.track.me
                     self.malformed = NoInput(at, mine, f"malformed ({': '.join(m[0])})")
-                elif isinstance(m, Cam):
+                elif isinstance(m, CamFields):
                     self._cam_received(at, event, m)
                 else:
                     self._begin_step(at, event.t_ms, event, self.track.received(event, m))
@@ -282,10 +283,10 @@ class Engine:
             case _:
                 self._begin_step(at, event.t_ms, event, RESTARTED)
 
-    def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
+    def _cam_received(self, at: int, event: Receive, m: CamFields) -> None:
         """A received CAM. Most change no more than a timer: the step of an equal CAM is reused."""
         t, t_ms = self.track, event.t_ms
-        alike = m.src, t.state.session in m.marks, t.is_newer(m, t_ms)
+        alike = m["src"], [*t.state.session] in m["marks"], t.is_newer(m, t_ms)
         known = self._cams.get(alike)
         if known is None:
             step = self._begin_step(at, t_ms, event, t.cam_received(m, *alike))
@@ -342,11 +343,11 @@ class Engine:
 
     # -- effects
 
-    def _current(self, at: int, t_ms: int, event: str, seen: Seen) -> InputStep:
+    def _current(self, at: int, t_ms: int, seen: Seen) -> InputStep:
         """The step of an effect. The first effect bounds the time of an unobserved input."""
         step = self.step
         if step is None:
-            text = f"{event}: no input calls for it{self._malformed_note()}"
+            text = f"{_said(seen)}: no input calls for it{self._malformed_note()}"
             rule, guard = self._last_rule()
             raise Diverges(at, text, rule, [], guard, None, seen)
         if step.unseen:
@@ -354,7 +355,7 @@ class Engine:
             if first > step.t_ms:
                 self._missed(at, first)
                 wanted = [f"{step.what}, at least {first - step.t_ms} ms earlier"]
-                raise Late(at, event, step.rule, wanted, step.guard, step, seen)
+                raise Late(at, _said(seen), step.rule, wanted, step.guard, step, seen)
             step.unseen, step.since_ms = False, first
         return step
 
@@ -371,9 +372,9 @@ class Engine:
         return ("END-5", _by("END-5")) if self.malformed is not None else ("", "")
 
     def _sent(self, at: int, t_ms: int, fields: Fields) -> None:
-        event, seen = f"send {fields['type']} to {fields.get('dst', 'all')}", ("send", fields)
-        step, m = self._current(at, t_ms, event, seen), typed(fields)
-        assert not isinstance(m, Cam), "feed passes CAMs to _cam_sent"
+        seen = "send", fields
+        step, m = self._current(at, t_ms, seen), typed(fields)
+        assert not isinstance(m, CamFields), "feed passes CAMs to _cam_sent"
         problems: list[tuple[int, str]] = []
         for e in step.messages:
             problem: str | None
@@ -389,19 +390,20 @@ class Engine:
         least, problem = min(problems, key=lambda p: p[0], default=(0, None))
         why = f" ({problem})" if problem else ""
         wanted = self.outstanding() or [NOTHING]
-        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen, least)
+        raise Diverges(at, f"{_said(seen)}{why}", step.rule, wanted, step.guard, step, seen, least)
 
     def _cam_sent(self, at: int, fields: Fields) -> None:
         """Check a sent CAM (ACT-5): it marks the session and those whose Fin is still being
         sent."""
-        m, wanted, rule = typed(fields), self.track.marks, "ACT-5"
+        m: Any = typed(fields)
+        wanted, rule = self.track.marks, "ACT-5"
         wants: list[str] = []
         if isinstance(m, list):
             text, rule = f"send CAM ({': '.join(m[0])})", "END-5"
-        elif m.src != self.track.me:
-            text, wants = f"send CAM: src {m.src}", [f"src {self.track.me}"]
-        elif isinstance(m, Cam) and sorted({*m.marks}) != wanted:
-            text = f"send CAM: marks {fields['marks']}"
+        elif m["src"] != self.track.me:
+            text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]
+        elif sorted({*map(tuple, m["marks"])}) != wanted:
+            text = f"send CAM: marks {m['marks']}"
             own = self.track.session
             each = (
                 f"{p}/{n} ({'its session' if (p, n) == own else 'its Fin is still sent'})"
@@ -421,8 +423,8 @@ class Engine:
             self.malformed = m and m._replace(must_report=False, reported=True)
             return
         seen = ("indication", name)
-        step = self._current(at, event.t_ms, f"indication {name}", seen)
-        text, wanted, mismatch = f"indication {name}", self.outstanding() or step.indications, 0
+        step = self._current(at, event.t_ms, seen)
+        text, wanted, mismatch = _said(seen), self.outstanding() or step.indications, 0
         if name in step.indications:
             lease = self.timers.get(LEASE)
             left = lease.first if lease and lease.first == lease.last else None
@@ -436,9 +438,8 @@ class Engine:
         raise Diverges(at, text, step.rule, wanted or [NOTHING], step.guard, step, seen, mismatch)
 
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
-        timer = event.timer
-        what, seen = f"{event.op} {timer_name(timer)}", (event.op, timer)
-        step = self._current(at, event.t_ms, what, seen)
+        timer, seen = event.timer, (event.op, event.timer)
+        step = self._current(at, event.t_ms, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
         if step.input[0] == "restart" and not armed and timer in self.timers:
@@ -451,14 +452,14 @@ class Engine:
                 break
         else:
             wanted = self.outstanding() or [NOTHING]
-            raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
+            raise Diverges(at, _said(seen), step.rule, wanted, step.guard, step, seen)
         if not isinstance(event, TimerArm):
             self.timers.pop(timer, None)
             return
         duration = self._duration(step, timer)
         if duration is not None and event.deadline != event.t_ms + duration:
-            wanted = [f"{what} for {duration} ms"]
-            text = f"{what} for {event.deadline - event.t_ms} ms"
+            wanted = [f"{_said(seen)} for {duration} ms"]
+            text = f"{_said(seen)} for {event.deadline - event.t_ms} ms"
             guard = step.guard
             if timer.name == "lease":
                 guard = _by("ACT-4")
@@ -549,6 +550,14 @@ class Engine:
         elif isinstance(timer, ForgetTimer):
             value = timer.name, timer.station or 0
         return self._answer(t.me, t.state, Expire("expire", value))[0].rule
+
+
+def _said(seen: tuple[str, Any]) -> str:
+    """An effect in the log, as text."""
+    what, about = seen
+    if what == "send":
+        return f"send {about['type']} to {about.get('dst', 'all')}"
+    return f"{what} {about if what == 'indication' else timer_name(about)}"
 
 
 def _is_taken(event: Event) -> bool:

@@ -106,7 +106,7 @@ class Check:
     @property
     def over(self) -> bool:
         """Whether further events change nothing."""
-        return self.finding.kind != "nothing"
+        return self.finding is not NOTHING_WRONG
 
     def read(self, events: Iterable[tuple[int, Event]] | None = None) -> Self:
         """Feed all events, by default those of the log, and end."""
@@ -131,7 +131,7 @@ class Check:
         engine = self.engine
         if engine is None or self.over:
             return
-        if self.log.mid_session and not self.judged_from:
+        if self.first_ms is None and self.log.mid_session and not self.judged_from:
             if not self._start.known_before(event):
                 return
             self.judged_from, engine.since_ms = at, self._start.since_ms or 0

@@ -12,6 +12,7 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple, get_args
 
 from automcm_spec.log_format.log import (
+    CamFields,
     Command,
     Event,
     ForgetTimer,
@@ -27,7 +28,6 @@ from automcm_spec.vocabulary.messages import (
     Acceptance,
     Ack,
     Advertisement,
-    Cam,
     Cancel,
     Fields,
     Message,
@@ -196,7 +196,7 @@ class SpecInput(NamedTuple):
     value: Input
     what: str
     """The input as text."""
-    given: Message | Cam | None = None
+    given: Message | CamFields | None = None
     """The received message, if the input is one that was observed."""
     content: Mapping[str, object] = {}
     """Content from the application, which the station must send unchanged."""
@@ -286,11 +286,11 @@ class Track:
             if isinstance(m, Prescription) and e.copy_of is None:
                 self.lease_ms = m.lease_ms
 
-    def expected(self, m: spec.Message, i: Input, given: Message | Cam | None) -> Expected:
+    def expected(self, m: spec.Message, i: Input, given: Message | CamFields | None) -> Expected:
         """An expected effect of the input ``i``; ``given`` is the received message, if observed."""
         of = None
         if m.type == "Ack" and i.kind == "receive":
-            seq = given.seq if given is not None and not isinstance(given, Cam) else None
+            seq = given.seq if given is not None and not isinstance(given, CamFields) else None
             of = i.message.type, seq if i.message.seq else 0
         entry = _STATION.entry(m)
         copy = next((e for e in self.outbox if e.spec == entry), None) if m.seq else None
@@ -300,15 +300,15 @@ class Track:
 
     # -- inputs
 
-    def is_newer(self, m: Cam, t_ms: int) -> bool:
+    def is_newer(self, m: CamFields, t_ms: int) -> bool:
         """Whether a CAM received at ``t_ms`` was generated after the last that counted, and is not
         too far ahead (ACT-5)."""
-        if self.last_cam_ms is not None and m.generation_ms <= self.last_cam_ms:
+        if self.last_cam_ms is not None and m["generation_ms"] <= self.last_cam_ms:
             return False
         most = self.latest_cam(t_ms)
-        return most is None or m.generation_ms <= most
+        return most is None or bool(m["generation_ms"] <= most)
 
-    def cam_received(self, m: Cam, src: int, marks: bool, newer: bool) -> SpecInput:
+    def cam_received(self, m: CamFields, src: int, marks: bool, newer: bool) -> SpecInput:
         """The input for a CAM; ``marks``: it marks the station's session."""
         marked = frozenset({self.state.session} if marks else ())
         return SpecInput(spec.Cam("cam", src, marked, newer), f"receive CAM from {src}", m)
@@ -397,7 +397,7 @@ class InputStep:
     arm: list[spec.Timer]
     stop: list[spec.Timer]
     indications: list[str]
-    given: Message | Cam | None
+    given: Message | CamFields | None
     content: Fields
     since_ms: int
     """The earliest time of the input; ``t_ms`` is the latest, and equal for an observed input."""

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 from automcm_spec.log_format.log import (
+    CamFields,
     Event,
     Header,
     MessageTimer,
@@ -25,7 +26,7 @@ from automcm_spec.log_format.log import (
     typed,
 )
 from automcm_spec.log_format.number_sets import Numbers
-from automcm_spec.vocabulary.messages import Cam, session_in
+from automcm_spec.vocabulary.messages import session_in
 from automcm_spec.vocabulary.station import Station
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import Diverges, Seen
@@ -115,7 +116,7 @@ class Hints(Watcher):
             case _:
                 event = None
         m = None if event is None else typed(event.message or {})
-        if event is None or m is None or isinstance(m, list | Cam):
+        if event is None or m is None or isinstance(m, list | CamFields):
             return ""
         concerned = track.received(replace(event, planned={}), m).value
         outcome = Station(*track.limits).step(track.me, track.state, concerned)
