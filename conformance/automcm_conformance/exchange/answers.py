@@ -144,21 +144,24 @@ def _holds(name: str, wanted: Json, found: Json) -> bool:
 def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Required) -> list[Problem]:
     """Takes over a value that the station was free to choose, and checks that it was. Other values
     are not taken over: a replay expects the values expected here."""
-    wrong = {}
+    type_, problems = wanted["type"], []
     if wanted["session"][1] is None:
         number = found["session"][1]
-        if number <= expected.above:
-            wrong["session"] = f"a number above {expected.above}, got {number}"
-        else:
+        if number > expected.above:
             wanted["session"] = found["session"]
+        else:
+            problems.append(_other(f"{type_}.session", f"a number above {expected.above}", number))
     if wanted["seq"] is None:
         if found["seq"] in expected.fresh:
             expected.fresh.remove(found["seq"])
             wanted["seq"] = found["seq"]
         else:
-            wrong["seq"] = f"one of {expected.fresh}, got {found['seq']}"
-    fields = {f"{wanted['type']}.{name}": text for name, text in wrong.items()}
-    return [Problem("messages", f"{f}: expected {text}", f) for f, text in fields.items()]
+            problems.append(_other(f"{type_}.seq", f"one of {expected.fresh}", found["seq"]))
+    return problems
+
+
+def _other(field: str, wanted: str, found: object) -> Problem:
+    return Problem("messages", f"{field}: expected {wanted}, got {found}", field)
 
 
 def first_difference(wanted: dict[str, Json], found: Json) -> Problem:
@@ -190,7 +193,7 @@ def _in_object(path: str, wanted: dict[str, Json], found: dict[str, Json]) -> Pr
         value, other = (to_json(m[name]).decode() for m in (wanted, found))
         if name in ("seq", "session"):
             value = value.replace("null", "a number")
-        return Problem("messages", f"{here}: expected {value}, got {other}", here)
+        return _other(here, value, other)
     return None
 
 

@@ -238,33 +238,34 @@ def test_a_certificate_is_renewed_while_a_session_runs() -> None:
     change_credentials(service, link, pseudonym)
 
 
+OWN = credentials(1, not_before=0, not_after=DAY)
+
+
+def wired(received: Receiver) -> Wire:
+    wire, clock = Wire(), SecuredSimulation(channel=CHANNEL).clock
+    SecuredLink(wire, Signer(OWN, "json"), new_verifier(), clock).open(received)
+    return wire
+
+
 def test_a_link_learns_the_sender_of_what_is_accepted_only() -> None:
     """``UdpLink`` then sends to the address from which it came."""
-    simulation = SecuredSimulation(channel=CHANNEL)
-    wire = Wire()
-    own = credentials(1, not_before=0, not_after=DAY)
-    link = SecuredLink(wire, Signer(own, "json"), new_verifier(), simulation.clock)
     received: list[bytes] = []
-    link.open(lambda data, tx: received.append(data))
+    wire = wired(lambda data, tx: received.append(data))
     waiting, whole = seal(INSIDER, cam(666, 0), 0, whole=False), seal(INSIDER, cam(666, 1), 1)
-    lie, echo = seal(INSIDER, cam(2, 0), 0), seal(own, cam(1, 0), 0)
+    lie, echo = seal(INSIDER, cam(2, 0), 0), seal(OWN, cam(1, 0), 0)
     got = [wire.receive(each, None) for each in (b"", waiting, whole, whole, lie, echo)]
     assert got == [None, None, 666, None, None, None]
     assert received == [encode(cam(666, 0)), encode(cam(666, 1))]
 
 
 def test_an_exception_of_the_application_loses_no_other_message() -> None:
-    simulation = SecuredSimulation(channel=CHANNEL)
-    wire = Wire()
-    own = credentials(1, not_before=0, not_after=DAY)
-    link = SecuredLink(wire, Signer(own, "json"), new_verifier(), simulation.clock)
     received: list[bytes] = []
 
-    def receive(data: bytes, tx: str | None) -> int:
+    def receive(data: bytes, tx: str | None) -> None:
         received.append(data)
         raise RuntimeError("the application")
 
-    link.open(receive)
+    wire = wired(receive)
     wire.receive(seal(INSIDER, cam(666, 0), 0, whole=False), None)
     with pytest.raises(RuntimeError):
         wire.receive(seal(INSIDER, cam(666, 1), 1), None)
