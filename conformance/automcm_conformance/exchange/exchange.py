@@ -7,6 +7,7 @@ raises ``Mismatch``.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -54,10 +55,8 @@ class Step:
     """
 
     now: int
-    command: dict[str, Json]
-    """The content of the line."""
+    line: bytes
     expected: Required
-    line: bytes = field(init=False)
     place: int = 0
     """The index of the tour's input that the line belongs to."""
     pairs: list[tuple[int, int]] = field(default_factory=list)
@@ -73,8 +72,10 @@ class Step:
     effects: list[GraphEffects] = field(default_factory=list)
     """The effects of each of ``pairs``, if the exchange is logged."""
 
-    def __post_init__(self) -> None:
-        self.line = encode(self.command)
+    @property
+    def command(self) -> Json:
+        """The content of the line."""
+        return json.loads(self.line)
 
 
 class Wrong(Exception):
@@ -384,7 +385,7 @@ class Exchange:
         if due is None and answer and not answer.changes and not answer.effect.messages:
             self._refuse(command, answer)
             return []
-        step = Step(self.now, command, Required(), before=self.state)
+        step = Step(self.now, encode(command), Required(), before=self.state)
         fired, given = [], self.wire.given
         self.wire.given = None
         if due and then is not None and isinstance(self.oracle.inputs[then], Restart):
@@ -423,7 +424,7 @@ class Exchange:
         if expected is None:
             indications = [] if indication == NO_INDICATION else [{"name": indication[0]}]
             expected = self._refusals[key] = Required(rule, indications=indications)
-        step = Step(self.now, command, expected, before=self.state)
+        step = Step(self.now, encode(command), expected, before=self.state)
         step.pairs.append((answer.state, answer.input))
         step.times.append(self.now)
         if self.logged:
@@ -466,8 +467,8 @@ class Exchange:
     ) -> None:
         """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
-        line = command | timed
-        self._expect(Step(self.now, line, expected or Required(), before=self.state, fault=fault))
+        line, expected = encode(command | timed), expected or Required()
+        self._expect(Step(self.now, line, expected, before=self.state, fault=fault))
 
     def _expect(self, step: Step) -> None:
         """Set the expected state after the step, and queue the step."""
@@ -486,7 +487,7 @@ class Exchange:
         if self._right.get(id(step.expected)) == line:
             self.done.append(step)
             return
-        if self.judges_marks and b"generation_ms" in line:
+        if self.judges_marks and (b"generation_ms" in line or b"\\u" in line):
             states = [*(state for state, _ in step.pairs), step.after]
             marks = (self.oracle.marks[state] for state in states)
             step.expected.marks = [sorted(map(self.wire.session, each)) for each in marks]

@@ -26,7 +26,7 @@ from automcm_conformance.adapter.protocol import (
 from automcm_conformance.exchange.answers import are_marks, differences
 from automcm_conformance.exchange.exchange import Broken, LineLink, Mismatch, Step, Wrong
 from automcm_conformance.exchange.results import Verdict
-from automcm_conformance.exchange.wire import Required
+from automcm_conformance.exchange.wire import Required, encode
 from automcm_spec.log_format.log import EVENT_KINDS
 from automcm_spec.log_format.problems import problems_of
 from automcm_spec.log_format.writer import LogWriter
@@ -68,7 +68,7 @@ def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
     except ValidationError as error:
         raise BadInput(path, 0, *problems_of(error)[0], FORMAT) from None
     about = {"case": replay.case, "rule": replay.rule, "what": replay.what}
-    return about, [Step(s.now, s.line, s.expected) for s in replay.steps]
+    return about, [Step(s.now, encode(s.line), s.expected) for s in replay.steps]
 
 
 def replayed(steps: Sequence[Step], link: LineLink) -> list[Step]:

@@ -3,7 +3,6 @@ and because equal lines must get equal answers."""
 
 from __future__ import annotations
 
-import gc
 from functools import partial
 from pathlib import Path
 
@@ -20,9 +19,6 @@ from automcm_conformance.suite.endurance import MemoryWatch
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.tally import PairPart, Tally
-
-COLLECT = 50
-"""Garbage is collected after so many exchanges."""
 
 
 def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> None:
@@ -42,8 +38,6 @@ def special(runner: Runner, purpose: Purpose, part: PairPart, folder: Path) -> N
     try:
         for x in off_graph_cases.exchanges(purpose.case, fresh):
             count += x is not None
-            if count % COLLECT == 0:
-                gc.collect()  # finished exchanges hold themselves
             infeasible += x is None
             steps = steps or (x.done if x is not None else [])
     except Wrong as error:

@@ -123,6 +123,7 @@ def tours(runner: Runner, one: Oracle) -> None:
 def special(runner: Runner, one: Oracle, purposes: Sequence[Purpose], folder: Path) -> None:
     """Run the named cases. Between them garbage is collected, without the permanent values."""
     part = PairPart("special", one)
+    gc.collect()
     gc.freeze()
     try:
         for purpose in purposes:

@@ -64,7 +64,7 @@ class Scripted:
 def test_state_is_kept_only_if_the_used_process_fails_again(
     wrong: list[bool], runs: bool, why: str
 ) -> None:
-    step = Step(1, {"cmd": "reset"}, Required())
+    step = Step(1, b'{"cmd":"reset"}', Required())
     step.answer = b'{"messages":[],"indications":[],"deadline":7}'
     adapter: Any = Scripted(wrong, runs)
     error = Mismatch([step], differences(step.expected, step.answer))
@@ -76,7 +76,7 @@ def test_a_surplus_line_is_shown_instead_of_what_follows_from_it() -> None:
         def exchange(self, lines: list[bytes], *, continued: bool = False) -> list[bytes]:
             raise AdapterError("output", "too many")
 
-    step = Step(1, {"cmd": "reset"}, Required())
+    step = Step(1, b'{"cmd":"reset"}', Required())
     step.answer = b'{"messages":[],"indications":[],"deadline":7}'
     error = Mismatch([step], differences(step.expected, step.answer))
     adapter: Any = Writes([], runs=False)

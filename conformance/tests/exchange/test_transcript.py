@@ -6,7 +6,7 @@ from automcm_conformance.exchange.exchange import Step
 
 
 def test_a_station_that_gave_no_answer_says_nothing() -> None:
-    step = Step(5, {"cmd": "restart"}, Required())
+    step = Step(5, b'{"cmd":"restart"}', Required())
     assert [line.who for line in transcript.exchange([step])] == ["kit"]
     step.answer = b'{"phase":"STANDALONE"}'
     assert [line.who for line in transcript.exchange([step])] == ["kit", "station"]
