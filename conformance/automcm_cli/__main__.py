@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from itertools import takewhile
 
+from automcm_spec.support.collection import uncollected
 from automcm_spec.support.extras import missing
 
 
@@ -14,8 +15,8 @@ def main() -> None:
         name = " ".join(takewhile(lambda word: word[:1] != "-", sys.argv[1:3]))
         print(f"{name or 'automcm'}: {lacks}", file=sys.stderr)
         sys.exit(3)
-    from automcm_cli.main import main as command
-
+    with uncollected():
+        from automcm_cli.main import main as command
     command()
 
 

@@ -47,14 +47,13 @@ def explain(
     Several logs of one run are also checked together: received messages against sent ones, and
     the properties of the system (S-*, T-*), with the hazards that a fault has caused.
     """
-    from automcm_traces.explain import explain as explain_
-    from automcm_traces.explain import lint as lint_
-
     logs = files_of("explain", logs, json_)
-    several = len(logs) > 1
     with uncollected():
+        from automcm_traces.explain import explain as explain_
+        from automcm_traces.explain import lint as lint_
+
         found = explain_.judged_logs(logs, late)
-        if several:
+        if len(logs) > 1:
             verdicts, system = explain_.verdicts_together(found)
         else:
             verdicts, system = explain_.verdicts(found), None

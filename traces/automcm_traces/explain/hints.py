@@ -68,7 +68,8 @@ class Hints(Watcher):
             if not self._sent.add(transmission(event.tx)[1]) and not self._again:
                 again = "each transmission needs its own, also a copy"
                 self._again = f"line {line} uses tx {event.tx} a second time: {again}"
-            self._own_cam(event)
+            if event.is_cam:
+                self._own_cam(event.t_ms)
         elif event.is_cam:
             self._cam_received = True
         elif isinstance(event, Receive) and event.planned is None and (its := _advertised(event)):
@@ -134,8 +135,9 @@ class Hints(Watcher):
         self._time(event.t_ms)
         other_ms, silence_ms = self._gaps_ms
         after = [(at, event), *check.after]
-        for later in after:
-            self._own_cam(later[1])
+        for _, later in after:
+            if isinstance(later, Send) and later.is_cam:
+                self._own_cam(later.t_ms)
         shifted, by_cams = _shifted_timers(engine, after), self._by_cams
         likeliest = by_cams[len(by_cams) // 2 :][:1]
         for step_ms in dict.fromkeys([*shifted[:CANDIDATES], *likeliest]):
@@ -145,12 +147,10 @@ class Hints(Watcher):
                 return int(step_ms)
         return 0
 
-    def _own_cam(self, event: Event) -> None:
+    def _own_cam(self, t_ms: int) -> None:
         """Look for a pause between two CAMs of the station, with regular intervals around it. After
         a stop of the station the next interval is another."""
-        if not (isinstance(event, Send) and event.is_cam):
-            return
-        self._own_cams = times = [*self._own_cams[-3:], event.t_ms]
+        self._own_cams = times = [*self._own_cams[-3:], t_ms]
         if len(times) == 4 and times[2] - times[1] > 2 * (times[1] - times[0]):
             before, pause, then = (b - a for a, b in pairwise(times))
             margin = before // 4
