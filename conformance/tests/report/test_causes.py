@@ -125,13 +125,14 @@ def answer(c):
     assert found.causes[0][0][1].rule == "ACT-5"
 
 
-def test_act_5_a_cam_that_was_due_before_has_no_new_mark(conform: Suite) -> None:
-    code = """
+@pytest.mark.parametrize("name", ["generation_ms", r"generation\u005fms"])
+def test_act_5_a_cam_that_was_due_before_has_no_new_mark(name: str, conform: Suite) -> None:
+    code = f"""
 def answer(c):
     out = right(c)
     for cam in out.get("cams", []):
         cam["marks"] = [list(mark) for mark in state().marks]
-    return json.dumps(out).replace("generation_ms", r"generation\\u005fms").encode() + b"\\n"
+    return json.dumps(out).replace("generation_ms", r"{name}").encode() + b"\\n"
 """
     found = conform(station(code), "AMCM/STA/ADV/BV-02", states=60)
     assert (

@@ -94,6 +94,7 @@ Attack = Callable[[SecuredSimulation, random.Random], bytes]
 
 STRANGER = credentials(2, authority=OTHER_AUTHORITY, private=66, not_before=0, not_after=DAY)
 INSIDER = credentials(666, not_before=0, not_after=DAY)
+OWN = credentials(1, not_before=0, not_after=DAY)
 
 
 def lie(of: int, now: int, rng: random.Random) -> Any:
@@ -236,9 +237,6 @@ def test_a_certificate_is_renewed_while_a_session_runs() -> None:
     assert refused and service.application.calls[-1] == ("finished", (1, 1))
     assert not simulation.services[1].statistics.rejected
     change_credentials(service, link, pseudonym)
-
-
-OWN = credentials(1, not_before=0, not_after=DAY)
 
 
 def wired(received: Receiver) -> Wire:
