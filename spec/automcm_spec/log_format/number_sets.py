@@ -17,6 +17,9 @@ class Numbers:
 
     def add(self, number: int) -> bool:
         """Add a number; returns whether it is new."""
+        if self._ends and self._ends[-1] == number:  # most come in order
+            self._ends[-1] = number + 1
+            return True
         k = bisect_right(self._starts, number) - 1
         if k >= 0 and number < self._ends[k]:
             return False

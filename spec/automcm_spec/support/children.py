@@ -7,7 +7,6 @@ Starting a command takes about 15 ms longer.
 from __future__ import annotations
 
 import mmap
-import multiprocessing
 import os
 import signal
 import socket
@@ -129,6 +128,7 @@ def pool(processes: int) -> ProcessPoolExecutor:
     They are spawned, because a fork would keep the locks and pipes that another thread has just
     opened: every later run of TLC would wait for it.
     """
+    import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
     spawn = multiprocessing.get_context("spawn")
@@ -137,7 +137,9 @@ def pool(processes: int) -> ProcessPoolExecutor:
 
 def end_with_parent() -> None:
     """Call first in a process of multiprocessing: makes it end when its parent ends."""
-    parent = multiprocessing.parent_process()
+    from multiprocessing import parent_process
+
+    parent = parent_process()
     if parent is None:
         return
 

@@ -106,7 +106,7 @@ class Check:
     @property
     def over(self) -> bool:
         """Whether further events change nothing."""
-        return self.finding is not NOTHING_WRONG
+        return self.finding.kind != "nothing"
 
     def read(self, events: Iterable[tuple[int, Event]] | None = None) -> Self:
         """Feed all events, by default those of the log, and end."""

@@ -87,6 +87,7 @@ DEFAULT_LIMITS = limits_of({})
 _STATION = Station(*DEFAULT_LIMITS)
 INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
+_marks = lru_cache(1000)(_STATION.marks)
 
 
 def _about(m: Message) -> tuple[int, bool, str]:
@@ -249,10 +250,9 @@ class Track:
         return st.session[0] if st.role == "receiver" else st.target
 
     @property
-    def marks(self) -> list[tuple[int, int]]:
-        """The sorted sessions that the station's CAM must name (ACT-5)."""
-        marks = {e.spec.session for e in self.outbox if e.spec.type == "Fin"}
-        return sorted({*marks, self.session} if self.session else marks)
+    def marks(self) -> frozenset[tuple[int, int]]:
+        """The sessions that the station's CAM must name (ACT-5)."""
+        return _marks(self.state)
 
     def entry_of(
         self, key: MessageKey | MessageId, to: int, session: spec.Session

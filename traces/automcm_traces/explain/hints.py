@@ -6,6 +6,7 @@ A hint is a question to whoever wrote the log. It is no verdict, and changes non
 from __future__ import annotations
 
 import copy
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -46,7 +47,7 @@ class Hints(Watcher):
     def __init__(self, header: Header) -> None:
         self._header = header
         self._cam_received = False
-        self._own_cams: list[int] = []
+        self._own_cams: deque[int] = deque(maxlen=4)
         """The times of the last four CAMs sent."""
         self._by_cams = range(0)
         """By how much the clock stepped if it stepped between two CAMs sent; empty: no step."""
@@ -70,11 +71,12 @@ class Hints(Watcher):
                 self._again = f"line {line} uses tx {event.tx} a second time: {again}"
             if event.is_cam:
                 self._own_cam(event.t_ms)
-        elif event.is_cam:
-            self._cam_received = True
-        elif isinstance(event, Receive) and event.planned is None and (its := _advertised(event)):
-            kept = list(self._not_planned.items())[1 - KEPT :]
-            self._not_planned = dict([*kept, (its, event)])
+        elif isinstance(event, Receive):
+            if event.is_cam:
+                self._cam_received = True
+            elif event.planned is None and (its := _advertised(event)):
+                kept = list(self._not_planned.items())[1 - KEPT :]
+                self._not_planned = dict([*kept, (its, event)])
         if not self._begun:
             self._begun = opens(event) or isinstance(event, Restart) or shows_standalone(event)
 
@@ -150,7 +152,8 @@ class Hints(Watcher):
     def _own_cam(self, t_ms: int) -> None:
         """Look for a pause between two CAMs of the station, with regular intervals around it. After
         a stop of the station the next interval is another."""
-        self._own_cams = times = [*self._own_cams[-3:], t_ms]
+        times = self._own_cams
+        times.append(t_ms)
         if len(times) == 4 and times[2] - times[1] > 2 * (times[1] - times[0]):
             before, pause, then = (b - a for a, b in pairwise(times))
             margin = before // 4

@@ -90,8 +90,8 @@ class Merged:
     def feed(self, i: int, fates: Fates) -> Iterator[Head[Node]]:
         """The events of a log, as ``Ordered`` takes them."""
         for k, (_, event) in enumerate(self.logs[i].events):
-            node = i, k
-            yield head(node, node, event, fates.arrows(node, event))
+            arrows = fates.arrows((i, k), event) if isinstance(event, Receive) else ()
+            yield head((i, k), (i, k), event, arrows)
 
     def _known(self, node: Node) -> Sequence[int]:
         """For each log, the number of its events that this event depends on."""

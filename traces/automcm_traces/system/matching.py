@@ -158,8 +158,9 @@ class Ledger:
         elif not isinstance(event, Receive):
             return
         elif event.message is not None:
-            number = NO_TX if event.tx is None else transmission(event.tx)[1]
-            self.senders.append(source_of(event.message, event.tx))
+            tx = event.tx
+            source, number = (source_of(event.message), NO_TX) if tx is None else transmission(tx)
+            self.senders.append(source)
             self.received.add(at, number, event.t_ms, self._digest(event.message))
         elif event.rejected is not None and event.tx is not None:
             self.rejected.extend(n if n < NO_TX else NO_TX for n in transmission(event.tx))
