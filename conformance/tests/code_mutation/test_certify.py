@@ -152,6 +152,17 @@ def test_the_page_is_made_of_the_certificate() -> None:
     assert "right one" in text and "wrong other" in text and "seed 7" in text
 
 
+def test_a_certificate_goes_stale_by_code_and_by_no_docstring(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(certificate, "SUITE", tmp_path)
+    found = []
+    for text in ('"""One."""\nx = 1\n', '"""Two\n\nlines."""\nx = 1\n', "x = 2\n", "x = '1'\n"):
+        (tmp_path / "suite.py").write_text(text)
+        found.append(suite_hash(CertificateRun(tmp_path)))
+    assert found[0] == found[1] and len({*found}) == 3
+
+
 def test_an_output_at_an_input_that_no_graph_has_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     walker = AnyState(load(GRAPHS["tight"].path), VARIANTS[0])
     monkeypatch.setitem(walker._extra, "all timers, later", list)

@@ -6,6 +6,7 @@ the specification or of the mutant invalidates a result.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import sys
 from collections import Counter
@@ -32,10 +33,12 @@ from automcm_maintenance.code_mutation.equivalence import WALKS, EquivalenceErro
 from automcm_maintenance.code_mutation.lockstep import Difference
 from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
 from automcm_maintenance.code_mutation.source_mutants import (
+    MODULES,
     REFERENCE,
     SPECIFICATION,
     Generated,
     SourceMutant,
+    path_of,
 )
 from automcm_spec.graph.oracle_generation import spec_hash
 from automcm_spec.support import scratch
@@ -263,6 +266,17 @@ def _finished(
 SUFFIXES = ".py", ".toml", ".hpp", ".cpp"
 
 
+def _code(path: Path) -> bytes:
+    """A Python file without its docstrings, on which no verdict depends; another as it is."""
+    source = path.read_bytes()
+    lines = source.splitlines()
+    for node in ast.walk(ast.parse(source if path.suffix == ".py" else "")):
+        match node:
+            case ast.Expr(ast.Constant(str()), lineno=first, end_lineno=int(last)):
+                lines[first - 1 : last] = [b""] * (last - first + 1)
+    return b"\n".join(filter(None, lines))
+
+
 def suite_hash(asked: CertificateRun) -> str:
     """A hash of all that a verdict depends on, except the mutant."""
     of = f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors} {asked.walks}"
@@ -272,7 +286,9 @@ def suite_hash(asked: CertificateRun) -> str:
     folders = *judges, REFERENCE, SPECIFICATION, SUITE, cpp_station.SOURCE, faults.CATALOGUES
     for folder in folders:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES):
-            found.update(path.read_bytes())
+            found.update(_code(path))
     for path in (*equivalence.FILES, Path(__file__)):
-        found.update(path.read_bytes())
+        found.update(_code(path))
+    for name in MODULES:  # a mutant is a whole module
+        found.update(path_of(name).read_bytes())
     return found.hexdigest()
