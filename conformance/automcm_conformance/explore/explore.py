@@ -252,6 +252,7 @@ def explore(
     runner = Runner(adapter, (), seed, notify)
     explorer = Explorer(runner, oracles, folder, seed, enough)
     found = explorer.found
+    gc.collect()
     gc.freeze()  # keeps the graphs out of garbage collection
     try:
         with keeping_results(runner):

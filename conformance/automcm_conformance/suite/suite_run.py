@@ -121,7 +121,7 @@ def tours(runner: Runner, one: Oracle) -> None:
 
 
 def special(runner: Runner, one: Oracle, purposes: Sequence[Purpose], folder: Path) -> None:
-    """Run the named cases. Between them garbage is collected, without the permanent values."""
+    """Run the named cases. Before and between them garbage is collected, without what is there."""
     part = PairPart("special", one)
     gc.collect()
     gc.freeze()
