@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated_radio import Channel
+from automcm_maintenance.corpus.corpus_bad import renumber
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.vocabulary.application import Abort
@@ -105,22 +106,12 @@ def mutated(lines: Lines, seed: int) -> tuple[Lines, str, int]:
             first = records[at - 1]["t_ms"] if at - 1 in body else 0
             choices = [t for t in (first, room, records[at]["t_ms"] + 1) if first <= t <= room]
             records[at]["t_ms"] = chance.choice(choices)
-    return _numbered(records), kind, at + 1
+    renumber(records)
+    return [json.dumps(each, separators=(",", ":")) for each in records], kind, at + 1
 
 
 def inner(record: Json) -> Json:
     return {k: v for k, v in record.items() if k not in ("seq", "t_ms")}
-
-
-def _numbered(records: list[Json]) -> Lines:
-    number = 0
-    for record in records:
-        if record["rec"] == "event":
-            number += 1
-            record["seq"] = number
-        elif record["rec"] == "end":
-            record["seq"] = number
-    return [json.dumps(record, separators=(",", ":")) for record in records]
 
 
 def _edit(record: Json, chance: random.Random) -> None:

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from automcm.links.simulated_radio import Channel, Radio
+from automcm_maintenance.corpus.corpus_bad import renumber
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.log import Receive
@@ -142,13 +143,7 @@ def records(path: Path) -> list[dict[str, Any]]:
 
 def rewritten(path: Path, lines: list[dict[str, Any]]) -> Log:
     """A log with other records, its events numbered anew."""
-    seq = 0
-    for record in lines:
-        if record["rec"] == "event":
-            seq += 1
-            record["seq"] = seq
-        elif record["rec"] == "end":
-            record["seq"] = seq
+    renumber(lines)
     path.write_text("".join(json.dumps(record) + "\n" for record in lines))
     return read(path)
 

@@ -13,35 +13,23 @@ import pytest
 
 from automcm_spec.model_checking import models
 from automcm_spec.support.paths import TLA
-from automcm_spec.vocabulary.parameters import (
-    ADVERTISED_RANK,
-    DEFAULTS,
-    DERIVED,
-    LIMITS,
-    TIMERS,
-    ParameterError,
-    Parameters,
-    durations,
-    forgotten_at,
-    lease_lasts,
-    longest_delay,
-    longest_session,
-    rank,
-)
+from automcm_spec.vocabulary import parameters
 from automcm_spec.vocabulary.rules import cited
 from automcm_spec.vocabulary.station import Entry, Expire, Station, Timer
 
 PAGE = Path(__file__).parents[3] / "docs" / "protocol.md"
 
 
-@pytest.mark.parametrize("unknown", Parameters().known)
+@pytest.mark.parametrize("unknown", parameters.Parameters().known)
 def test_what_a_header_does_not_tell_is_not_known(unknown: str) -> None:
     """A timer whose row in the page names it lasts unknown."""
     lasts = {name.split("(")[0]: lasts for name, _, lasts, _ in rows("timer")}
     lacking = {name for name in lasts if f"`{unknown}`" in lasts[name]}
-    known = {name: ms for name, ms in Parameters().known.items() if name != unknown}
+    known = {name: ms for name, ms in parameters.Parameters().known.items() if name != unknown}
     never = {"lease", "forget", "backoff"}
-    assert {name for name, ms in durations(known).items() if ms is None} == lacking | never
+    assert {
+        name for name, ms in parameters.durations(known).items() if ms is None
+    } == lacking | never
 
 
 OWN_LEASES = [
@@ -54,22 +42,22 @@ OWN_LEASES = [
 def test_act_4_the_prescribers_lease_is_shorter_by_the_drift_and_1_ms(
     drift: int, lease_ms: int, own_ms: int
 ) -> None:
-    assert lease_lasts(drift, "prescriber", lease_ms) == own_ms
-    assert lease_lasts(drift, "receiver", lease_ms) == lease_ms
+    assert parameters.lease_lasts(drift, "prescriber", lease_ms) == own_ms
+    assert parameters.lease_lasts(drift, "receiver", lease_ms) == lease_ms
 
 
 @pytest.mark.parametrize("drift", [1, 3, 10, 50])
 def test_act_4_a_clock_slow_by_the_drift_still_ends_first(drift: int) -> None:
     for lease_ms in range(200, 30_000, 7):
-        own_ms = lease_lasts(drift, "prescriber", lease_ms)
+        own_ms = parameters.lease_lasts(drift, "prescriber", lease_ms)
         assert own_ms * (100 + drift) <= (lease_ms - 1) * 100
 
 
-@pytest.mark.parametrize("name", DEFAULTS)
+@pytest.mark.parametrize("name", parameters.DEFAULTS)
 @pytest.mark.parametrize("value", [-1, 1500.0, "1500", True, None])
 def test_a_parameter_is_an_integer_and_not_negative(name: str, value: Any) -> None:
-    with pytest.raises(ParameterError, match=f"^{name}: "):
-        Parameters(**{name: value})
+    with pytest.raises(parameters.ParameterError, match=f"^{name}: "):
+        parameters.Parameters(**{name: value})
 
 
 @pytest.mark.parametrize(
@@ -89,13 +77,13 @@ def test_a_parameter_is_an_integer_and_not_negative(name: str, value: Any) -> No
     ],
 )
 def test_a_parameter_that_cannot_work_is_refused_by_name(name: str, given: dict[str, int]) -> None:
-    with pytest.raises(ParameterError, match=f"^{name}: "):
-        Parameters(**given)
+    with pytest.raises(parameters.ParameterError, match=f"^{name}: "):
+        parameters.Parameters(**given)
 
 
 def test_a_refusal_says_the_bound_and_what_the_parameter_is() -> None:
-    with pytest.raises(ParameterError) as caught:
-        Parameters(t_cam=2000)
+    with pytest.raises(parameters.ParameterError) as caught:
+        parameters.Parameters(t_cam=2000)
     assert str(caught.value) == "t_cam: must be at most 1000, not 2000 (ms: the CAM interval)"
 
 
@@ -111,15 +99,15 @@ def test_a_refusal_says_the_bound_and_what_the_parameter_is() -> None:
     ],
 )
 def test_the_bounds_themselves_are_allowed(given: dict[str, int]) -> None:
-    assert Parameters(**given).known.items() >= given.items()
+    assert parameters.Parameters(**given).known.items() >= given.items()
 
 
 # -- the page
 
 SETS = (
-    Parameters(),
-    Parameters(t_timeout=0, t_resend=60, t_decide=40, t_cam_loss=1010),
-    Parameters(t_timeout=250, t_resend=70, t_decide=900),
+    parameters.Parameters(),
+    parameters.Parameters(t_timeout=0, t_resend=60, t_decide=40, t_cam_loss=1010),
+    parameters.Parameters(t_timeout=250, t_resend=70, t_decide=900),
 )
 """With the second the quarantine lasts as long as a prescriber may act (ACT-6)."""
 
@@ -146,13 +134,15 @@ def test_the_page_has_the_defaults_and_the_formulas_of_derived_times() -> None:
         zip(("backoff_min", "backoff_max"), re.findall(r"\d+ ?\w*", back_off), strict=True)
     )
     assert page.pop("Δt1").startswith("`t_timeout`")
-    assert page.keys() == Parameters().known.keys()
-    assert {name: int(page[name].split()[0].strip(",;")) for name in DEFAULTS} == DEFAULTS
+    assert page.keys() == parameters.Parameters().known.keys()
+    assert {
+        name: int(page[name].split()[0].strip(",;")) for name in parameters.DEFAULTS
+    } == parameters.DEFAULTS
     sendings = re.search(r"N = (1) \+ floor\((.*?)\)", page["t_giveup"])
     assert sendings is not None and page["t_giveup"].startswith("N · ")
     for known in (p.known for p in SETS):
         n = int(sendings[1]) + evaluated(sendings[2], known)
-        for name in DERIVED:
+        for name in parameters.DERIVED:
             assert evaluated(page[name], known | {"N": n}) == known[name], name
 
 
@@ -176,13 +166,13 @@ def expiring(name: str) -> set[str]:
 
 def test_the_page_has_the_timers_in_their_order_with_durations_and_rules() -> None:
     page = list(rows("timer"))
-    ranks = [rank(name.split("(")[0], "(Advertisement)" in name) for name, *_ in page]
-    assert ranks == list(range(1, len(TIMERS) + 2))
+    ranks = [parameters.rank(name.split("(")[0], "(Advertisement)" in name) for name, *_ in page]
+    assert ranks == list(range(1, len(parameters.TIMERS) + 2))
     for name, _, lasts, rules in page:
         timer = name.split("(")[0]
         assert cited(rules) == expiring(name), name
         for known in (p.known for p in SETS):
-            ms = durations(known)[timer]
+            ms = parameters.durations(known)[timer]
             if ms is not None and "longer of" in lasts:
                 either = lasts.split("the longer of ")[1].split(" and ")
                 assert max(evaluated(text, known) for text in either) == ms
@@ -192,7 +182,7 @@ def test_the_page_has_the_timers_in_their_order_with_durations_and_rules() -> No
                 joined, left = lasts.removeprefix("until ").split(" after joining and ")
                 for now in (0, 1, known["t_advertise"], 99_999):
                     either = (evaluated(joined, known), now + evaluated(left, known))
-                    assert forgotten_at(known, 0, now) == max(either)
+                    assert parameters.forgotten_at(known, 0, now) == max(either)
 
 
 # -- the models with time
@@ -235,7 +225,7 @@ class Model(dict[str, Any]):
         known = {"t_resend": self["ResendTime"], "t_decide": self["Deciding"]}
         known |= {"t_timeout": (self["Sendings"] - 1) * self["ResendTime"]}
         known |= {"t_cam_loss": self["CamLoss"], "max_rounds": self["MaxRounds"]}
-        for name, formula in DERIVED.items():
+        for name, formula in parameters.DERIVED.items():
             known[name] = self[TIMES[name]] if TIMES[name] in self.replaced else formula(known)
         return known
 
@@ -272,8 +262,8 @@ def test_the_durations_of_timed_models_are_those_of_the_table(model: Model) -> N
     assert {name: model[operator] for name, operator in TIMES.items()} == {
         name: known[name] for name in TIMES
     }
-    assert model["Delay"] == longest_delay(known)
-    lasts = durations(known)
+    assert model["Delay"] == parameters.longest_delay(known)
+    lasts = parameters.durations(known)
     for timer, ticks in lasts.items():
         if ticks is not None and timer != "decide":
             less = model.replaced.get("QuarantineTime") == "TooShort" and timer == "quarantine"
@@ -281,12 +271,12 @@ def test_the_durations_of_timed_models_are_those_of_the_table(model: Model) -> N
     assert 't[1] \\in {"decide", "backoff"}  -> Deciding' in cases("DurationOf(s, t)")
     assert lasts["decide"] == model["Deciding"]
     for role, operator in (("prescriber", "PrescriberTime"), ("receiver", "ReceiverTime")):
-        assert longest_session(known, role, model["Lease"]) == model[operator]
+        assert parameters.longest_session(known, role, model["Lease"]) == model[operator]
     forgets = re.search(r"(Max\(LifeTime.*)\[s\]\)$", cases("DurationOf(s, t)"))
     assert forgets is not None
     for model["age"] in (0, 1, known["t_advertise"], 99):
         ticks = eval(f"{forgets[1]})", {}, model)
-        assert forgotten_at(known, 0, model["age"]) - model["age"] == ticks
+        assert parameters.forgotten_at(known, 0, model["age"]) - model["age"] == ticks
 
 
 def test_timed_models_fire_timers_in_the_order_of_the_table() -> None:
@@ -295,8 +285,10 @@ def test_timed_models_fire_timers_in_the_order_of_the_table() -> None:
         r'"resend" +-> IF t\[2\].type = "Advertisement" THEN (\d+) ELSE (\d+)', order
     )[0]
     ranks = {name: int(n) for name, n in re.findall(r't\[1\] = "(\w+)" +-> (\d+)', order)}
-    assert ranks | {"resend": int(last)} == {name: row.rank for name, row in TIMERS.items()}
-    assert int(first) == ADVERTISED_RANK
+    assert ranks | {"resend": int(last)} == {
+        name: row.rank for name, row in parameters.TIMERS.items()
+    }
+    assert int(first) == parameters.ADVERTISED_RANK
 
 
 def test_act_4_the_margin_of_models_with_drift_is_that_of_the_table() -> None:
@@ -305,7 +297,7 @@ def test_act_4_the_margin_of_models_with_drift_is_that_of_the_table() -> None:
     for name, model in zip(TIMED, SYSTEMS, strict=False):
         drift = 100 * model.get("SlowTicks", 0) // model["Lease"]
         lease_ms = 100 * model["Lease"]
-        margin = ceil((lease_ms - lease_lasts(drift, "prescriber", lease_ms)) / 100)
+        margin = ceil((lease_ms - parameters.lease_lasts(drift, "prescriber", lease_ms)) / 100)
         if margin != model["LeaseMargin"]:
             margins[name] = margin, model["LeaseMargin"]
     assert margins == dict.fromkeys(("drift_bound_less_one", "drift_no_margin"), (1, 0))
@@ -315,12 +307,14 @@ def test_t_8_cam_loss_is_longer_than_interval_and_delay_but_where_that_must_fail
     models = zip(TIMED, SYSTEMS, strict=False)
     short = {n for n, m in models if m["CamLoss"] <= m["CamInterval"] + m["Delay"]}
     assert short == {"cam_loss_too_short"}
-    p = Parameters()
-    assert p.t_cam_loss > 1000 + longest_delay(p.known)
+    p = parameters.Parameters()
+    assert p.t_cam_loss > 1000 + parameters.longest_delay(p.known)
 
 
 def test_the_limits_are_the_constants_of_the_station_in_its_order() -> None:
     names = re.search(r"^CONSTANTS(.*?)\n\n", (TLA / "Station.tla").read_text(), re.S | re.M)
     assert names is not None
     found = re.findall(r"\b(Max\w+|\w+Limit)\b", names[1])
-    assert [re.sub(r"(?<=.)([A-Z])", r"_\1", name).lower() for name in found] == list(LIMITS)
+    assert [re.sub(r"(?<=.)([A-Z])", r"_\1", name).lower() for name in found] == list(
+        parameters.LIMITS
+    )

@@ -13,6 +13,7 @@ from merged_runs import records
 
 from automcm.links.simulated_radio import Channel
 from automcm_maintenance.corpus.corpus import index
+from automcm_maintenance.corpus.corpus_bad import renumber
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.log import Header, Receive, Restart, Send
@@ -34,9 +35,7 @@ def only(lines: list[Json], kinds: tuple[str, ...]) -> list[Json]:
     """The log with only these kinds of event."""
     kept = [r | {"complete": sorted(kinds)} if r["rec"] == "header" else r for r in lines]
     kept = [{**r} for r in kept if r.get("ev", kinds[0]) in kinds]
-    for seq, record in enumerate(kept):
-        if record["rec"] != "header":
-            record["seq"] = seq if record["rec"] == "event" else seq - 1
+    renumber(kept)
     return kept
 
 
@@ -132,9 +131,7 @@ def test_a_log_that_claims_a_fresh_start_diverges(tmp_path: Path) -> None:
     """Only a cut that the log itself admits is excused."""
     lines = records(CORPUS / "pair/2002.ndjson")
     cut = next(n for n, r in enumerate(lines) if r.get("phase") == "WAITING")
-    for seq, record in enumerate(kept := [lines[0], *lines[cut + 1 :]]):
-        if seq:
-            record["seq"] = min(seq, len(kept) - 2)
+    renumber(kept := [lines[0], *lines[cut + 1 :]])
     assert judged(tmp_path, kept, 0).verdict == "diverges"
     assert judged(tmp_path, kept, 0, marked=True).verdict == "cannot_tell"
 

@@ -53,18 +53,21 @@ class EditedLog:
 
     def text(self) -> bytes:
         """The log with renumbered events."""
-        number = 0
-        for record in self.records:
-            if record["rec"] == "event":
-                number += 1
-                record["seq"] = number
-            elif record["rec"] == "end":
-                record["seq"] = number
+        renumber(self.records)
         return self.as_it_is()
 
     def as_it_is(self) -> bytes:
         """The log with its present numbers."""
         return b"".join(_line(record) for record in self.records)
+
+
+def renumber(records: list[Json]) -> None:
+    """Number the events of a log anew."""
+    seq = 0
+    for record in records:
+        if record["rec"] != "header":
+            seq += record["rec"] == "event"
+            record["seq"] = seq
 
 
 def _line(record: Json) -> bytes:
