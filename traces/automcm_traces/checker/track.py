@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple, get_args
 
 from automcm_spec.log_format.log import (
@@ -369,9 +369,7 @@ class Track:
                     messages.append(self.advertisement)
                 session, seq = (messages[0].session, messages[0].seq) if messages else (UNBOUND, -1)
                 return _message_timer(name, type_, to or None, session, seq)
-            case (_, int(station)):
-                return ForgetTimer.model_construct(name=name, station=station)
-        return _plain_timer(name)
+        return _other_timer(name, *timer[1:])
 
 
 @dataclass(slots=True)
@@ -460,9 +458,11 @@ def _message_timer(name: Any, type_: str, to: int | None, session: Any, seq: int
     return MessageTimer.model_construct(name=name, message=key)
 
 
-@cache
-def _plain_timer(name: Any) -> PlainTimer:
-    return PlainTimer.model_construct(name=name)
+@lru_cache(1000)
+def _other_timer(name: Any, station: Any = None) -> ForgetTimer | PlainTimer:
+    if station is None:
+        return PlainTimer.model_construct(name=name)
+    return ForgetTimer.model_construct(name=name, station=station)
 
 
 def short(timer: spec.Timer) -> str:
