@@ -11,12 +11,13 @@ from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
+from pydantic_core import to_json
+
 from automcm_spec.log_format.event_text import starts
 from automcm_spec.log_format.log import OF_MESSAGE, OF_TIMER, Event, Header, Receive, Send, Timer
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
-from automcm_spec.vocabulary.messages import same
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.divergence import why
 from automcm_traces.checker.finding import (
@@ -280,8 +281,14 @@ def _kept(
     for line, event in stream:
         if isinstance(event, OF_MESSAGE) and event.tx and event.message:
             first = known.setdefault(event.tx, event)
-            if first is not event and same(first.message, event.message):
-                object.__setattr__(event, "message", first.message)
+            one, other = first.message, event.message
+            both_cams = dict not in (type(one), type(other))  # CamFields have one order
+            if (
+                first is not event
+                and one == other
+                and (both_cams or to_json(one) == to_json(other))
+            ):
+                object.__setattr__(event, "message", one)
                 object.__setattr__(event, "tx", first.tx)
         elif isinstance(event, OF_TIMER):
             object.__setattr__(event, "timer", timers.setdefault(event.timer, event.timer))
