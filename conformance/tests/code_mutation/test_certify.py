@@ -157,7 +157,7 @@ def test_a_certificate_goes_stale_by_code_and_by_no_docstring(
 ) -> None:
     monkeypatch.setattr(certificate, "SUITE", tmp_path)
     found = []
-    for text in ('"""One."""\nx = 1\n', '"""Two\n\nlines."""\nx = 1\n', "x = 2\n", "x = '1'\n"):
+    for text in ('"""A."""\nx = 1', '"""B\n\n."""\nx = 1', '"""A."""; x = 1', '"""A."""; x = 2'):
         (tmp_path / "suite.py").write_text(text)
         found.append(suite_hash(CertificateRun(tmp_path)))
     assert found[0] == found[1] and len({*found}) == 3

@@ -267,14 +267,17 @@ SUFFIXES = ".py", ".toml", ".hpp", ".cpp"
 
 
 def _code(path: Path) -> bytes:
-    """A Python file without its docstrings, on which no verdict depends; another as it is."""
+    """A file, without the text of docstrings, on which no verdict depends."""
     source = path.read_bytes()
-    lines = source.splitlines()
-    for node in ast.walk(ast.parse(source if path.suffix == ".py" else "")):
-        match node:
-            case ast.Expr(ast.Constant(str()), lineno=first, end_lineno=int(last)):
-                lines[first - 1 : last] = [b""] * (last - first + 1)
-    return b"\n".join(filter(None, lines))
+    lines = source.split(b"\n")
+    nodes = ast.walk(ast.parse(source if path.suffix == ".py" else ""))
+    texts = [n for n in nodes if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
+    for node in sorted(texts, key=lambda node: -node.lineno):
+        part = slice(node.lineno - 1, node.end_lineno)
+        text = b"\n".join(lines[part]).strip()
+        if text.startswith(b'"""') and text.endswith(b'"""') and text.count(b'"""') == 2:
+            lines[part] = [b'"""']
+    return b"\n".join(lines)
 
 
 def suite_hash(asked: CertificateRun) -> str:
