@@ -121,7 +121,8 @@ def tours(runner: Runner, one: Oracle) -> None:
 
 
 def special(runner: Runner, one: Oracle, purposes: Sequence[Purpose], folder: Path) -> None:
-    """Run the named cases. Before and between them garbage is collected, without what is there."""
+    """Run the named cases. Garbage is collected before them, and between them without what was
+    there before."""
     part = PairPart("special", one)
     gc.collect()
     gc.freeze()

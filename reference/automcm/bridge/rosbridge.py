@@ -23,20 +23,8 @@ from automcm.bridge.driven_trajectory import timed_trajectory
 from automcm.service import application
 from automcm.service.service import NEIGHBOURS
 from automcm_spec.vocabulary import application as commands
+from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Phase, Role
-from automcm_spec.vocabulary.messages import (
-    LIMIT,
-    Details,
-    Integer,
-    MessageError,
-    Natural,
-    Positive,
-    Session,
-    StationId,
-    Trajectory,
-    refusal,
-    short,
-)
 
 PORT = 9090
 """The default port of rosbridge."""
@@ -87,15 +75,15 @@ class SessionMsg(Ros):
     """A session; 0 and 0 mean no session."""
 
     prescriber: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
-    number: Natural = 0
+    number: messages.Natural = 0
 
     @property
-    def key(self) -> Session | None:
+    def key(self) -> messages.Session | None:
         """The session, or None."""
         return (self.prescriber, self.number) if self.prescriber and self.number else None
 
 
-def to_session(session: Session | None) -> SessionMsg:
+def to_session(session: messages.Session | None) -> SessionMsg:
     """A session in the bridge's form; number 0 for None."""
     return SessionMsg(prescriber=session[0], number=session[1]) if session else SessionMsg()
 
@@ -111,28 +99,28 @@ def stamped(ms: int) -> RosHeader:
 class StateMsg(_Output):
     """The state of the station, also a sign of life of the service."""
 
-    station_id: StationId
+    station_id: messages.StationId
     phase: Phase
     role: Role
     session: SessionMsg = SessionMsg()
     driver: bool
     """Whether there is a driver."""
-    lost_after_ms: Natural
+    lost_after_ms: messages.Natural
 
 
-Length = Annotated[int, Field(ge=-1, le=LIMIT)]
+Length = Annotated[int, Field(ge=-1, le=messages.LIMIT)]
 """A length in mm; -1 if it is unknown."""
 
 
 class HeardMsg(Ros):
     """The last CAM of another station, as ``application.Heard``."""
 
-    station_id: StationId
+    station_id: messages.StationId
     received: Time
-    x_mm: Integer
-    y_mm: Integer
-    heading_mrad: Integer
-    speed_mm_s: Integer
+    x_mm: messages.Integer
+    y_mm: messages.Integer
+    heading_mrad: messages.Integer
+    speed_mm_s: messages.Integer
     marks: list[SessionMsg] = Field(default=[], max_length=MAX_NAMED, fail_fast=True)
     length_mm: Length = -1
     width_mm: Length = -1
@@ -140,7 +128,7 @@ class HeardMsg(Ros):
     in_step: bool = True
 
     @classmethod
-    def of(cls, heard: application.Heard, session: Session | None) -> HeardMsg:
+    def of(cls, heard: application.Heard, session: messages.Session | None) -> HeardMsg:
         """The form of the bridge, with the mark of ``session``, the station's own, first."""
         given = {field.name: getattr(heard, field.name) for field in fields(heard)}
         known = {name: value for name, value in given.items() if value is not None}
@@ -154,7 +142,7 @@ class HeardMsg(Ros):
         received_ms = given.pop("received").ms
         marks = tuple(mark.key for mark in given.pop("marks"))
         if None in marks:
-            raise MessageError("msg.heard.marks: no session may be 0 and 0")
+            raise messages.MessageError("msg.heard.marks: no session may be 0 and 0")
         return application.Heard(received_ms=received_ms, marks=marks, **given)
 
 
@@ -191,7 +179,7 @@ class DriveMsg(_Output):
             until=to_time(maneuver.until_ms),
         )
 
-    def drive(self, session: Session) -> application.AgreedManeuver:
+    def drive(self, session: messages.Session) -> application.AgreedManeuver:
         """The value in the application's form.  Raises ValueError."""
         selected = trajectory(self.selected, "selected")
         return application.AgreedManeuver(
@@ -202,7 +190,7 @@ class DriveMsg(_Output):
 class PlannedMsg(Ros):
     """The planned trajectory of one station."""
 
-    station_id: StationId
+    station_id: messages.StationId
     trajectory: AutowareTrajectory
 
 
@@ -210,7 +198,7 @@ class ChoiceMsg(_Output):
     """The question which target to prescribe which trajectory."""
 
     session: SessionMsg
-    proposal: Positive
+    proposal: messages.Positive
     planned: list[PlannedMsg] = Field(default_factory=list)
     target: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     reason: Note = ""
@@ -219,7 +207,7 @@ class ChoiceMsg(_Output):
     def of(cls, choice: application.Choice, now: int) -> ChoiceMsg:
         """The message to the driving software; ``now`` in ms."""
         if sum(len(t.points) for t in choice.planned.values()) > MAX_PLANNED:
-            raise MessageError(f"planned: more than {MAX_PLANNED} points")
+            raise messages.MessageError(f"planned: more than {MAX_PLANNED} points")
         return cls(
             header=stamped(now),
             session=to_session(choice.session),
@@ -232,7 +220,7 @@ class ChoiceMsg(_Output):
             reason=choice.reason,
         )
 
-    def choice(self, session: Session) -> application.Choice:
+    def choice(self, session: messages.Session) -> application.Choice:
         """The value in the application's form.  Raises ValueError."""
         planned = {p.station_id: trajectory(p.trajectory, "planned") for p in self.planned}
         return application.Choice(session, self.proposal, planned, self.target, self.reason)
@@ -242,7 +230,7 @@ class ProposalMsg(_Output):
     """The question whether a prescribed trajectory is safe."""
 
     session: SessionMsg
-    proposal: Positive
+    proposal: messages.Positive
     prescribed: AutowareTrajectory
     hold_ms: Annotated[Duration, Field(ge=0)]
     lease_ms: Annotated[Duration, Field(ge=1)]
@@ -259,7 +247,7 @@ class ProposalMsg(_Output):
             lease_ms=proposal.lease_ms,
         )
 
-    def asked(self, session: Session) -> application.Proposal:
+    def asked(self, session: messages.Session) -> application.Proposal:
         """The value in the application's form.  Raises ValueError."""
         prescribed = trajectory(self.prescribed, "prescribed")
         return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
@@ -270,7 +258,7 @@ class AdvertisedMsg(_Output):
 
     session: SessionMsg
     scenario: str
-    details: Details
+    details: messages.Details
     planned: AutowareTrajectory = NO_TRAJECTORY
     concerned: bool
     """Whether the station joins because of an existing plan."""
@@ -288,7 +276,7 @@ class AdvertisedMsg(_Output):
             concerned=concerned,
         )
 
-    def advertised(self, session: Session) -> application.Advertised:
+    def advertised(self, session: messages.Session) -> application.Advertised:
         """The value in the application's form.  Raises ValueError."""
         planned = trajectory(self.planned, "planned") if self.planned.points else None
         return application.Advertised(session, self.scenario, self.details, planned)
@@ -322,13 +310,13 @@ class RequestMsg(_Input):
     """Open a session (ADV-1)."""
 
     scenario: Scenario
-    details: Details = Field(default_factory=dict)
+    details: messages.Details = Field(default_factory=dict)
     planned: AutowareTrajectory = NO_TRAJECTORY
 
-    def command(self, planned: Trajectory | None) -> commands.Request:
+    def command(self, planned: messages.Trajectory | None) -> commands.Request:
         """The command for the station, with the converted ``planned``.  Raises ValueError."""
         if len(to_json(self.details)) > MAX_DETAILS:
-            raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
+            raise messages.MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
         return commands.Request(scenario=self.scenario, details=self.details, planned=planned)
 
 
@@ -336,10 +324,10 @@ class _OfSession(_Input):
     session: SessionMsg
 
     @property
-    def key(self) -> Session:
+    def key(self) -> messages.Session:
         """The session.  Raises MessageError without one."""
         if (session := self.session.key) is None:
-            raise MessageError("msg.session: a session is required")
+            raise messages.MessageError("msg.session: a session is required")
         return session
 
     def command(self) -> commands.Command:
@@ -355,8 +343,8 @@ class _OfSession(_Input):
 class PrescribeMsg(_OfSession):
     """The choice of a target, or the next proposal to it (PRE-2, NEG-7)."""
 
-    proposal: Positive
-    target: StationId
+    proposal: messages.Positive
+    target: messages.StationId
     prescribed: AutowareTrajectory
     hold_ms: Annotated[Duration, Field(ge=0)]
     lease_ms: Annotated[Duration, Field(ge=1)]
@@ -384,13 +372,13 @@ class ProceedMsg(_OfSession):
 class AcceptMsg(_OfSession):
     """The proposal is safe (NEG-2); the selected trajectory is the prescribed one."""
 
-    proposal: Positive
+    proposal: messages.Positive
 
 
 class RefuseMsg(_OfSession):
     """The proposal is not safe (NEG-3)."""
 
-    proposal: Positive
+    proposal: messages.Positive
 
 
 class CompleteMsg(_OfSession):
@@ -460,9 +448,13 @@ def addressed(fields: dict[str, Any], known: dict[str, Any]) -> Any:
     """The message of the topic that an operation names, of those known.  Raises MessageError."""
     topic, type_ = fields.get("topic"), fields.get("type")
     if not isinstance(topic, str) or topic not in known:
-        raise MessageError(short("topic", f"must be one of {', '.join(known)}, not {topic!r}"))
+        raise messages.MessageError(
+            messages.short("topic", f"must be one of {', '.join(known)}, not {topic!r}")
+        )
     if type_ is not None and type_ != known[topic].type:
-        raise MessageError(short("type", f"must be {known[topic].type} for {topic}"))
+        raise messages.MessageError(
+            messages.short("type", f"must be {known[topic].type} for {topic}")
+        )
     return known[topic]
 
 
@@ -474,15 +466,15 @@ def operation(**fields: Any) -> str:
 def opened(data: str | bytes, marks: int = MAX_MARKS) -> dict[str, Any]:
     """Parse a rosbridge operation.  Raises only MessageError."""
     if isinstance(data, bytes):
-        raise MessageError("message: must be JSON text, not a binary frame")
+        raise messages.MessageError("message: must be JSON text, not a binary frame")
     if sum(map(data.count, ",[{")) > marks:
-        raise MessageError(f"message: more than {marks} commas and brackets")
+        raise messages.MessageError(f"message: more than {marks} commas and brackets")
     try:
         fields = from_json(data, allow_inf_nan=False, cache_strings=False)
     except ValueError as error:
-        raise MessageError(short("message", f"not JSON: {error}")) from None
+        raise messages.MessageError(messages.short("message", f"not JSON: {error}")) from None
     if not isinstance(fields, dict):
-        raise MessageError("message: must be a JSON object")
+        raise messages.MessageError("message: must be a JSON object")
     return fields
 
 
@@ -491,4 +483,4 @@ def read(model: type[M], msg: Any) -> M:
     try:
         return model.model_validate(msg)
     except ValidationError as error:
-        raise refusal(error, "msg") from None
+        raise messages.refusal(error, "msg") from None

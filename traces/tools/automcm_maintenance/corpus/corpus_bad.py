@@ -62,7 +62,7 @@ class EditedLog:
 
 
 def renumber(records: list[Json]) -> None:
-    """Number the events of a log anew."""
+    """Number the events of a log anew; its end has the last number."""
     seq = 0
     for record in records:
         if record["rec"] != "header":
