@@ -35,9 +35,9 @@ app.command(
 
 
 def _version(wanted: bool) -> None:
-    from importlib.metadata import version
-
     if wanted:
+        from importlib.metadata import version
+
         say(f"automcm {version('automcm')}")
         raise typer.Exit
 
