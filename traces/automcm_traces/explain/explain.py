@@ -283,11 +283,8 @@ def _kept(
             first = known.setdefault(event.tx, event)
             one, other = first.message, event.message
             both_cams = dict not in (type(one), type(other))  # CamFields have one order
-            if (
-                first is not event
-                and one == other
-                and (both_cams or to_json(one) == to_json(other))
-            ):
+            alike = first is not event and one == other
+            if alike and (both_cams or to_json(one) == to_json(other)):
                 object.__setattr__(event, "message", one)
                 object.__setattr__(event, "tx", first.tx)
         elif isinstance(event, OF_TIMER):
