@@ -15,7 +15,7 @@ from typing import Any
 
 from tlc_module import TooLarge, Translation, limits, module
 
-from automcm_spec.log_format.log import Event
+from automcm_spec.log_format.log import Event, Send, problems
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
@@ -167,5 +167,8 @@ def _verdict(log: Log, answer: Json) -> Verdict:
     what, line, rule = answer
     if what == "ALLOWED":
         return Verdict(log.file, header=log.header, events=len(log.events))
+    event = dict(log.events).get(line)
+    if rule == "ACT-5" and isinstance(event, Send) and problems(event.message):
+        rule = "END-5"  # TraceCheck.tla has no malformed CAM: it is one of no station
     found = Finding("unexpected", rule, "", Where(log.file, line))
     return Verdict(log.file, found, header=log.header, events=len(log.events))
