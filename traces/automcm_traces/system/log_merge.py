@@ -88,7 +88,7 @@ class Merged:
         return a[1] < (b[1] if a[0] == b[0] else self._known(b)[a[0]])
 
     def feed(self, i: int, fates: Fates) -> Iterator[Head[Node]]:
-        """The events of a log, as ``Ordered`` takes them; ``fates`` sees only the received."""
+        """The events of a log, as ``Ordered`` takes them; ``fates`` gets only receptions."""
         for k, (_, event) in enumerate(self.logs[i].events):
             arrows = fates.arrows((i, k), event) if isinstance(event, Receive) else ()
             yield head((i, k), (i, k), event, arrows)
