@@ -41,7 +41,7 @@ def shrink(
     """
     from automcm_spec.log_format.event_text import starts
     from automcm_traces.edit import log_shrinking as shrink_
-    from automcm_traces.explain.log_columns import columns
+    from automcm_traces.explain.log_table import columns
 
     logs = files_of("shrink", logs, json_)
     try:

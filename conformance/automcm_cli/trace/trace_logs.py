@@ -186,7 +186,7 @@ def _print(
 
     from automcm_cli.shared.terminal import Terminal
     from automcm_spec.log_format.event_text import starts
-    from automcm_traces.explain.log_columns import LogTable, first_times, folds
+    from automcm_traces.explain.log_table import LogTable, first_times, folds
 
     console = Terminal(highlight=False)
     first_ms = first_times(logs)

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from functools import cache
 
 from automcm_conformance.adapter.protocol import Answer as Answered
-from automcm_conformance.adapter.protocol import ProtocolError, read_answer
 from automcm_conformance.exchange.exchange import Mismatch, Wrong
 from automcm_conformance.exchange.results import Deciding
 from automcm_conformance.exchange.tours import Pair
@@ -68,7 +67,7 @@ def deciding_pair(oracle: Oracle, error: Wrong) -> Pair | None:
         due, timer = step.expected.deadline, step.next_timer
         shown = any((s.expected.deadline, s.next_timer) == (due, timer) for s in error.steps[:-1])
         before = error.steps[-2].expected.deadline if len(error.steps) > 1 else None
-        still_runs = before is not None and error.found_deadline == before
+        still_runs = before is not None and error.answer.deadline == before
         expiry = oracle.input_index.get(Expire("expire", timer), -1)
         if not shown and not still_runs and expiry >= 0 and oracle.answer(step.after, expiry):
             return step.after, expiry
@@ -155,11 +154,7 @@ def _as_if(station: Station, me: int, real: tuple[State, Input], error: Wrong) -
     step = error.steps[-1]
     if len(step.pairs) != 1 or not isinstance(error, Mismatch):
         return ""
-    try:
-        answer = read_answer(step.answer)
-    except ProtocolError:
-        return ""
-    wanted = _wanted(answer)
+    wanted = _wanted(error.answer)
     found = blocking_conditions(station, lambda s: s.decide(me, *real), wanted, most=2)
     if not found or not found[0]:
         return ""

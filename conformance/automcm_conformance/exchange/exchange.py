@@ -11,10 +11,11 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 from automcm_conformance.adapter.process import AdapterError
-from automcm_conformance.adapter.protocol import ProtocolError, read_answer
+from automcm_conformance.adapter.protocol import Answer, ProtocolError, read_answer
 from automcm_conformance.exchange.answers import Problem, differences
 from automcm_conformance.exchange.armed_timers import UNKNOWN, ArmedTimers
 from automcm_conformance.exchange.results import UNCONFIRMED, Deciding, Verdict
@@ -123,10 +124,10 @@ class Mismatch(Wrong):
         """The parts of the answer that are wrong."""
         return {problem.part for problem in self.problems}
 
-    @property
-    def found_deadline(self) -> int | None:
-        """The deadline in the last answer."""
-        return read_answer(self.steps[-1].answer).deadline
+    @cached_property
+    def answer(self) -> Answer:
+        """The wrong answer."""
+        return read_answer(self.steps[-1].answer)
 
 
 class Broken(Wrong):

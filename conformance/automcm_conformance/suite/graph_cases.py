@@ -536,7 +536,7 @@ class Runner:
         if pair is not None and pair not in step.pairs and step.next_timer is not None:
             name = step.next_timer[0]
             assert isinstance(error, Mismatch) and step.expected.deadline is not None
-            found = error.found_deadline
+            found = error.answer.deadline
             early = found is not None and found < step.expected.deadline
             wrong = "or another timer runs" if early else "or is not armed"
             lasts = "too short" if early else "too long"

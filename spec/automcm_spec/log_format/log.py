@@ -35,6 +35,7 @@ from typing_extensions import TypeAliasType
 from automcm_spec.log_format.problems import not_an_integer, not_plain, problems_of
 from automcm_spec.vocabulary import application, messages
 from automcm_spec.vocabulary.messages import (
+    LIMIT,
     MESSAGE,
     Array,
     Fields,
@@ -98,6 +99,15 @@ def transmission(tx: str) -> tuple[int, int]:
     """The station and the counter of a transmission id."""
     station, counter = tx.split(":")
     return int(station), int(counter)
+
+
+def source_of(message: Fields | None, tx: str | None = None) -> int:
+    """The station that sent a received message, by its ``tx`` or else as it says; 0 if it names
+    none."""
+    if tx is not None:
+        return transmission(tx)[0]
+    src = None if message is None else message.get("src")
+    return src if type(src) is int and 0 < src <= LIMIT else 0
 
 
 def _without_vendor_fields(data: Any) -> Any:

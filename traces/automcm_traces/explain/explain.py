@@ -34,10 +34,8 @@ from automcm_traces.checker.follow import Check, Watcher
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import InputStep, Track
-from automcm_traces.explain.hints import Hints
-from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import rows_of
-from automcm_traces.explain.rejections import Rejections, counted, ordered
+from automcm_traces.explain.hints import Hints, Rejections, counted, ordered
+from automcm_traces.explain.log_table import columns, rows_of
 from automcm_traces.system.delivery import forged_receptions
 from automcm_traces.system.log_merge import MergeError, merge
 from automcm_traces.system.properties import SystemReport, judge, judge_merged

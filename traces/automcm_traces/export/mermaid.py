@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import ApplicationCommand, ApplicationIndication, Receive, Restart
 from automcm_spec.support.bad_input import printable
-from automcm_traces.explain.log_columns import TIMES, folds
-from automcm_traces.explain.log_table import TableRow
+from automcm_traces.explain.log_table import TIMES, TableRow, folds
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400

@@ -13,7 +13,8 @@ from html import escape
 
 from automcm_spec.log_format.event_text import safe, summary
 from automcm_spec.log_format.log import Event, Send
-from automcm_traces.system.copy_folding import Fold, Key, Phases, folded, key_of
+from automcm_traces.explain.log_table import Phases
+from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
 from automcm_traces.system.event_order import Node
 from automcm_traces.system.fates import ANYONE, Arrow
 from automcm_traces.system.log_merge import Merged

@@ -81,21 +81,6 @@ class OfCams:
         return found
 
 
-class Phases:
-    """The phases of stations, whose events come in order; each starts in STANDALONE."""
-
-    def __init__(self) -> None:
-        self._now: dict[int, str] = {}
-
-    def change(self, station: int, event: Event) -> str:
-        """The phase after the next event of a station; empty if it stays the same."""
-        after = event.phase
-        if after is None or after == self._now.get(station, "STANDALONE"):
-            return ""
-        self._now[station] = after
-        return after
-
-
 def key_of(station: int, event: Event, fate: Hashable = None, changes: bool = False) -> Key | None:
     """The key of an event in a station's log. CAMs, commands, indications and restarts have none.
 

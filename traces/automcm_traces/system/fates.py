@@ -12,11 +12,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple, get_args
 
-from automcm_spec.log_format.log import Event, Receive, Send, transmission
+from automcm_spec.log_format.log import Event, Receive, Send, source_of, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Head, Item, Node
-from automcm_traces.system.matching import NOBODY, Ledger, Matches, source_of
+from automcm_traces.system.matching import Ledger, Matches
 
 Fate = Literal[
     "delivered",
@@ -32,7 +32,7 @@ Fate = Literal[
 """``unobserved``: the log of the addressee is missing or incomplete; ``sender_unobserved``: that of
 the sender. ``duplicated``: received before. ``rejected``: a secured link discarded it."""
 FATES: tuple[Fate, ...] = get_args(Fate)
-ANYONE = NOBODY
+ANYONE = 0
 """The addressee of a broadcast that no other log can show, and the sender of bytes that are not a
 message."""
 

@@ -17,7 +17,7 @@ from hashlib import blake2b
 from itertools import pairwise
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
 
-from automcm_spec.log_format.log import Event, Header, Receive, Send, transmission
+from automcm_spec.log_format.log import Event, Header, Receive, Send, source_of, transmission
 from automcm_spec.log_format.number_sets import Numbers
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support.bad_input import BadInput
@@ -27,8 +27,6 @@ from automcm_traces.system.event_order import Node
 from automcm_traces.system.log_clocks import Clocks, Travels
 
 NO_TX = 2**64 - 1
-NOBODY = 0
-"""No station."""
 _ENCODED = c_make_encoder(None, None, encode_basestring_ascii, None, ":", ",", True, False, True)
 """As by a JSONEncoder with sorted keys, which makes such an encoder anew for each value."""
 
@@ -36,15 +34,6 @@ _ENCODED = c_make_encoder(None, None, encode_basestring_ascii, None, ":", ",", T
 def content(message: Fields) -> str:
     """A message as text; equal messages give equal texts."""
     return "".join(_ENCODED(message, 0))
-
-
-def source_of(message: Fields | None, tx: str | None = None) -> int:
-    """The station that sent a received message, by its ``tx`` or else as it says; NOBODY if it
-    names none."""
-    if tx is not None:
-        return transmission(tx)[0]
-    src = None if message is None else message.get("src")
-    return src if type(src) is int and 0 < src < NO_TX else NOBODY
 
 
 class Messages:

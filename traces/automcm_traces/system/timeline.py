@@ -10,7 +10,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from automcm_spec.log_format.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
+from automcm_spec.log_format.log import (
+    Event,
+    ForgetTimer,
+    Receive,
+    Timer,
+    TimerArm,
+    TimerEnd,
+    source_of,
+)
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.messages import Fields, session_in, to_dict
@@ -19,7 +27,6 @@ from automcm_spec.vocabulary.station import State
 from automcm_traces.checker.finding import cannot_tell
 from automcm_traces.checker.follow import Check, Follower, Watcher
 from automcm_traces.checker.track import InputStep, OutboxEntry, Track
-from automcm_traces.system.matching import source_of
 
 Session = tuple[int, int]
 EndReason = Literal["clean", "stopped", "diverges", "cannot_tell"]

@@ -17,8 +17,9 @@ from automcm_spec.log_format.event_text import session_of, summary
 from automcm_spec.log_format.log import RECORD, Event, Receive, TimerArm
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.rules import RULES, operators
-from automcm_traces.explain.rejections import cause_of
-from automcm_traces.system.copy_folding import Key, OfCams, Phases, folded, key_of
+from automcm_traces.explain.hints import cause_of
+from automcm_traces.explain.log_table import Phases
+from automcm_traces.system.copy_folding import Key, OfCams, folded, key_of
 from automcm_traces.system.event_order import Head, Node, Ordered
 from automcm_traces.system.fates import FATES, Arrow, Fates
 from automcm_traces.viewer import page_run, page_traffic

@@ -15,8 +15,16 @@ from automcm_spec.log_format.event_text import DAY_MS, starts, summary
 from automcm_spec.log_format.log import ApplicationIndication, Event, Receive, Send
 from automcm_spec.log_format.reader import LogStream, read
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_columns import TIMES, LogTable, columns, first_times, folds
-from automcm_traces.explain.log_table import Filter, Logs, TableRow
+from automcm_traces.explain.log_table import (
+    TIMES,
+    Filter,
+    Logs,
+    LogTable,
+    TableRow,
+    columns,
+    first_times,
+    folds,
+)
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))

@@ -16,8 +16,7 @@ from rich.cells import cell_len
 from automcm_spec.log_format.event_text import fitted, safe, summary
 from automcm_spec.log_format.log import RECORD, Receive, Send
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_columns import columns
-from automcm_traces.explain.log_table import Filter, Logs, TableRow
+from automcm_traces.explain.log_table import Filter, Logs, TableRow, columns
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 

@@ -12,9 +12,8 @@ from page_rows import CORPUS, DELIVERED, REJECTED, Json, events, fives
 from automcm.security.verifier import Rejection
 from automcm_spec.log_format.reader import read
 from automcm_traces.explain.explain import Verdict, text, verdict_of, verdicts_of
-from automcm_traces.explain.log_columns import folds
-from automcm_traces.explain.log_table import Filter, Logs
-from automcm_traces.explain.rejections import CAUSES, cause_of
+from automcm_traces.explain.hints import CAUSES, cause_of
+from automcm_traces.explain.log_table import Filter, Logs, folds
 from automcm_traces.system.delivery import outcomes
 from automcm_traces.system.log_merge import merge
 from automcm_traces.system.properties import judge

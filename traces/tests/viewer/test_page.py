@@ -21,8 +21,7 @@ from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import verdicts_of
-from automcm_traces.explain.log_columns import folds
-from automcm_traces.explain.log_table import Filter, Logs
+from automcm_traces.explain.log_table import Filter, Logs, folds
 from automcm_traces.export.itf_log import from_log
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import SCRIPTS, VIEWER, html
