@@ -50,16 +50,12 @@ def forged_receptions(merged: Merged) -> dict[str, Finding]:
     """By file: the first received message that differs from the message its sender logged under the
     same ``tx``."""
     found: dict[str, Finding] = {}
-    for i, k in merged.forged:
+    for (i, k), why in merged.forged.items():
         (at, e), file = merged.logs[i].events[k], merged.logs[i].file
         if isinstance(e, Receive) and e.tx is not None and file not in found:
             m, sent = e.message or {}, merged.matches.find(e.tx)
-            original = None if sent is None else merged.message(sent)
-            another = "that transmission was another message"
-            why = another if original else "its sender did not send it"
-            received = f"receive {m.get('type')} from {m.get('src')} as transmission {e.tx}"
-            text = f"{received}: forged, {why}"
-            differ = tuple(_differences(original, m)) if original else ()
+            differ = () if sent is None else tuple(_differences(merged.message(sent), m))
+            text = f"receive {named(merged, (i, k))}: forged, {why}"
             found[file] = Finding("forged", "forged", "", Where(file, at), differ, text)
     return found
 

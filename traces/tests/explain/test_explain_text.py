@@ -39,8 +39,8 @@ FIRST = {
     "no_events": ["LOG: CANNOT TELL: the log contains no events"],
     "seq_twice": ["LOG:10: UNREADABLE: seq: 8 after 8, expected 9 [seq]"],
     "forged_content": [
-        "LOG:23: DIVERGES at receive Prescription from 1001 as transmission 1001:10: forged, that "
-        "transmission was another message",
+        "LOG:23: DIVERGES at receive Prescription from 1001, tx 1001:10: forged, "
+        f"{CORPUS}/pair/1001.ndjson has another message under this tx",
         "  expected: hold_ms: 2000 was sent, not 1",
     ],
 }

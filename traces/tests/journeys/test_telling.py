@@ -174,9 +174,9 @@ def test_a_forged_cam_says_what_was_sent_under_its_id(
 
     path = edited(aborted / "1.ndjson", tmp_path, forge)
     verdict, *_ = verdicts_of([path, aborted / "2.ndjson", aborted / "3.ndjson"])
-    was = "that transmission was another message" if sent else "its sender did not send it"
-    assert verdict.finding.observed.startswith("receive CAM from 3 as transmission 3:")
-    assert verdict.finding.observed.endswith(f"forged, {was}")
+    was = "has another message under this tx" if sent else "contains no such sent message"
+    assert verdict.finding.observed.startswith("receive CAM from 3, tx 3:")
+    assert verdict.finding.observed.endswith(f"forged, {aborted / '3.ndjson'} {was}")
     assert bool(verdict.finding.expected) == sent
 
 
