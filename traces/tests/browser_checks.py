@@ -38,8 +38,8 @@ def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
             for words in (
                 verdict.finding.observed,
                 *verdict.finding.expected,
-                verdict.finding.why.guard,
-                verdict.finding.why.state,
+                verdict.finding.guard,
+                verdict.finding.state,
             ):
                 assert " ".join(words.split()) in " ".join(told.split()), (log.name, words)
             wrong = page.text_content("#svg .row text:text-matches('^✗')")

@@ -120,7 +120,7 @@ def replay(
         wrong = d.finding
         result.verdict, result.event, result.rule = "diverges", wrong.observed, wrong.rule
         result.expected = transcript.answerable(wrong)
-        result.guard, result.log_line = wrong.why.guard, wrong.at.line
+        result.guard, result.log_line = wrong.guard, wrong.at.line
     except CannotTell as error:
         result.verdict, result.event = "cannot_tell", str(error)
     except (AdapterError, ProtocolError) as error:

@@ -33,7 +33,7 @@ from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, SpooledInput, errors_of, printable
 from automcm_spec.support.templates import environment
 from automcm_spec.vocabulary.rules import RULES, operators
-from automcm_traces.checker.finding import Finding, Where, Why
+from automcm_traces.checker.finding import Finding, Where
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
@@ -122,7 +122,7 @@ def _judge_by_kit(run: PageRun, case: CaseResult) -> None:
         at=Where(verdict.file, line),
         expected=tuple(shown.allowed) if shown else (),
         observed=f"{case.verdict}: {shown.what if shown else case.reason}",
-        why=Why(shown.guard if shown else ""),
+        guard=shown.guard if shown else "",
     )
     run.verdicts[0] = replace(verdict, finding=found)
 

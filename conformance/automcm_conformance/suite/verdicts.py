@@ -148,7 +148,7 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
     kind = o.verdict if o.finding == NOTHING_WRONG else o.finding.kind
     return [
         Failure(
-            *(rule, *at, o.finding.why.guard, o.finding.why.nearest),
+            *(rule, *at, o.finding.guard, o.finding.nearest),
             rule_text=RULES.get(rule, ""),
             what=transcript.finding(o.finding) or o.reason,
             allowed=transcript.answerable(o.finding),

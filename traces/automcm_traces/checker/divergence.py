@@ -16,7 +16,7 @@ from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_co
 from automcm_spec.vocabulary.messages import Ack, Fields, Message
 from automcm_spec.vocabulary.rules import RULES, handler, kind
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, State, Station, Timer
-from automcm_traces.checker.finding import Diverges, Why
+from automcm_traces.checker.finding import Diverges, Finding
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
 from automcm_traces.checker.track import (
     NO_INDICATION,
@@ -38,9 +38,10 @@ KINDS = ("expire", "command", "receive", "cam", "restart")
 """The kinds of input, in listing order."""
 
 
-def why(d: Diverges, track: Track) -> Why:
-    """Explain a divergence of a station that was in the state of ``track``."""
-    found, decided, broken = _why(d, track), d.finding.rule, _broken(d, track)
+def explained(found: Finding, d: Diverges, track: Track) -> Finding:
+    """What was found at a divergence, with why; the station was in the state of ``track``."""
+    decided, broken = found.rule, _broken(d, track)
+    found = _explained(replace(found, state=_state(track)), d, track)
     text = found.guard.removeprefix(f"{decided}: {RULES.get(decided, '')}")
     return replace(found, guard=f"{broken}: {RULES[broken]}{text}") if broken else found
 
@@ -57,8 +58,8 @@ def _broken(d: Diverges, track: Track) -> str:
     return track.quarantine.rule if quarantined and track.quarantine else ""
 
 
-def _why(d: Diverges, track: Track) -> Why:
-    known, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
+def _explained(known: Finding, d: Diverges, track: Track) -> Finding:
+    wanted = _wanted(d)
     if d.missed:
         return replace(known, nearest=d.missed)
     if wanted == ("arm", "cam") and (ignored := _ignored_cam(d, track)):

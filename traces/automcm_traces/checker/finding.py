@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from automcm_spec.log_format.log import Timer
@@ -58,31 +58,8 @@ NOWHERE = Where()
 
 
 @dataclass(frozen=True, slots=True)
-class Why:
-    """The deciding rule, and the nearest allowed behaviour. Texts for people; empty if unknown."""
-
-    guard: str = ""
-    """The rule, its meaning, and its location in Station.tla."""
-    nearest: str = ""
-    causes: tuple[str, ...] = ()
-    """Inputs that would have led to the logged event."""
-    state: str = ""
-    """The state of the station before the event."""
-    of_last_input: bool = True
-    """Whether the last input could have led to the logged event, had a guard been different. If
-    not, the rule that decided that input is not the cause."""
-
-    def lines(self) -> list[str]:
-        """The text, one fact per line."""
-        found = [self.nearest] if self.nearest else []
-        if self.causes:
-            found.append(f"allowed after: {'; '.join(self.causes)}")
-        return [*found, f"state before: {self.state}"] if self.state else found
-
-
-@dataclass(frozen=True, slots=True)
 class Finding:
-    """One problem in a log."""
+    """One problem in a log. From ``guard`` on it says why; empty if unknown."""
 
     kind: Kind
     rule: str = ""
@@ -92,7 +69,24 @@ class Finding:
     expected: tuple[str, ...] = ()
     observed: str = ""
     """The event observed instead, as text."""
-    why: Why = field(default_factory=Why)
+    guard: str = ""
+    """The deciding rule, its meaning, and its location in Station.tla."""
+    nearest: str = ""
+    """The nearest allowed behaviour, as text."""
+    causes: tuple[str, ...] = ()
+    """Inputs that would have led to the logged event."""
+    state: str = ""
+    """The state of the station before the event."""
+    of_last_input: bool = True
+    """Whether the last input could have led to the logged event, had a guard been different. If
+    not, the rule that decided that input is not the cause."""
+
+    def why(self) -> list[str]:
+        """Why it is a problem, one fact per line."""
+        found = [self.nearest] if self.nearest else []
+        if self.causes:
+            found.append(f"allowed after: {'; '.join(self.causes)}")
+        return [*found, f"state before: {self.state}"] if self.state else found
 
 
 NOTHING_WRONG = Finding("nothing")
@@ -139,7 +133,7 @@ class Diverges(Exception):
         kind = self.kind
         if seen is not None and kind == "missing":
             kind = "state" if seen[0] in ("phase", "role") else "unexpected"
-        self.finding = Finding(kind, rule, "", Where("", at), tuple(wanted), event, Why(guard))
+        self.finding = Finding(kind, rule, "", Where("", at), tuple(wanted), event, guard)
         self.step, self.seen, self.mismatch = step, seen, mismatch
         self.missed = ""
         """The copy that is missing before a message that no input calls for, as text."""

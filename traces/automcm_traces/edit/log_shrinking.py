@@ -190,7 +190,7 @@ def _signature(v: Verdict) -> tuple[object, ...]:
     found = v.finding
     exact = found.kind in ("missing", "state")
     missing = tuple(masked(e) for e in found.expected) if exact else ()
-    around = found.why.guard, masked(found.why.state), masked(found.why.nearest)
+    around = found.guard, masked(found.state), masked(found.nearest)
     return found.kind, found.at, found.rule, masked(found.observed), missing, around
 
 

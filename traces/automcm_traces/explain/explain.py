@@ -19,7 +19,7 @@ from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
 from automcm_spec.vocabulary.rules import RULES
-from automcm_traces.checker.divergence import why
+from automcm_traces.checker.divergence import explained
 from automcm_traces.checker.finding import (
     NOTHING_WRONG,
     Answer,
@@ -146,10 +146,10 @@ class Verdict:
             "event": found.observed,
             "rule": found.rule,
             "expected": list(found.expected),
-            "guard": found.why.guard,
-            "nearest": found.why.nearest,
-            "allowed_after": list(found.why.causes),
-            "state": found.why.state,
+            "guard": found.guard,
+            "nearest": found.nearest,
+            "allowed_after": list(found.causes),
+            "state": found.state,
             "judged_from": self.judged_from,
             "hint": self.hint,
             "rejected": dict(self.rejected),
@@ -195,7 +195,7 @@ class VerdictCheck(Check):
         if not self.events and found.kind == "nothing":
             found = cannot_tell(log.file, 0, "the log contains no events")
         if diverges is not None and engine is not None:
-            found = replace(found, why=why(diverges, engine.track))
+            found = explained(found, diverges, engine.track)
         verdict = Verdict(
             log.file,
             found,
@@ -414,12 +414,12 @@ def expected(these: Sequence[str]) -> list[str]:
 
 
 def _diverges(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
-    yield from (f"  {line}" for line in expected(verdict.finding.expected))
-    why = verdict.finding.why
-    if why.guard:
-        by = "by" if why.of_last_input else "last input decided by"
-        yield f"  {by} {why.guard}"
-    yield from (f"  {line}" for line in why.lines())
+    found = verdict.finding
+    yield from (f"  {line}" for line in expected(found.expected))
+    if found.guard:
+        by = "by" if found.of_last_input else "last input decided by"
+        yield f"  {by} {found.guard}"
+    yield from (f"  {line}" for line in found.why())
     n = verdict.possible_states
     if n != 1 or verdict.unobserved:
         yield f"  {n} state{'' if n == 1 else 's'} of the specification possible before"

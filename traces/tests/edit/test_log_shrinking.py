@@ -50,7 +50,7 @@ def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -
     assert after[0].finding.at.line == found.line_now
     assert after[0].finding.observed.split()[:2] == before.finding.observed.split()[:2]
     assert [v.verdict for v in after[1:]] == ["allowed"] * (len(after) - 1)
-    assert masked(after[0].finding.why.state) == masked(before.finding.why.state)
+    assert masked(after[0].finding.state) == masked(before.finding.state)
     for path, given in zip(small, paths, strict=False):
         assert report(path).errors <= report(given).errors
     original = explain_steps(paths)

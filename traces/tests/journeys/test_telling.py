@@ -35,7 +35,7 @@ def joins_again(folder: Path) -> Verdict:
 def test_adv_4_the_nearest_allowed_and_the_guard_in_the_way(tmp_path: Path) -> None:
     verdict = joins_again(tmp_path)
     assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-4")
-    nearest = verdict.finding.why.nearest
+    nearest = verdict.finding.nearest
     assert "ADV-3 send Intention" in nearest and "Bound(st)" in nearest
     assert nearest in text(verdict)
 
@@ -46,7 +46,7 @@ def test_rel_1_an_effect_without_a_step_names_what_would_have_caused_it(tmp_path
 
     verdict = verdict_of(edited(PRESCRIBER, tmp_path, edit))
     assert verdict.verdict == "diverges"
-    assert "expire resend(Advertisement)" in verdict.finding.why.causes
+    assert "expire resend(Advertisement)" in verdict.finding.causes
 
 
 def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
@@ -57,8 +57,8 @@ def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
 
     verdict = verdict_of(edited(TARGET, tmp_path, edit))
     assert verdict.verdict == "diverges" and verdict.finding.rule == "ADV-7"
-    assert verdict.finding.why.causes == ("a step into WAITING",)
-    assert "blocked by guard" in verdict.finding.why.nearest
+    assert verdict.finding.causes == ("a step into WAITING",)
+    assert "blocked by guard" in verdict.finding.nearest
 
 
 def test_the_last_events_and_the_session_are_shown(tmp_path: Path) -> None:
