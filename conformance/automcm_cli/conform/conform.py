@@ -265,7 +265,8 @@ def replay(
         for line in exchange(found.sent, complete=True):
             text = f"{line.now:>8}  {line.who:<8} {line.text}"
             console.print(text, markup=False, highlight=False)
-        reason = f"{found.rule}: {found.what}" if found.what else "every answer is as expected"
+        wrong = ": ".join(filter(None, (found.rule, found.what)))
+        reason = wrong if found.what else "every answer is as expected"
         console.print(f"{found.verdict} {found.case}  {reason}", markup=False)
         for text in found.stderr:
             console.print(f"  stderr  {visible(text)}", markup=False, highlight=False)

@@ -205,8 +205,8 @@ def _print(
 
     for line in table.head():
         put("note", line)
-    for row, times in folds(shown, all_):
-        for kind, line in table.lines(row, times):
+    for fold in folds(shown, all_):
+        for kind, line in table.lines(fold.first, fold.mark):
             put(kind, line)
 
 

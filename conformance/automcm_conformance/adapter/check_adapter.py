@@ -69,7 +69,7 @@ class _Check:
         self._findings: list[Checked] = []
         self._features: list[str] = []
         self._scenario = "lane_change"
-        self._fixed: dict[str, int] = {}
+        self._parameters: dict[str, int] = SHORT
         self._now = 0
         self._failed = False
         self._sent: list[bytes] = []
@@ -168,7 +168,7 @@ class _Check:
             return
         self._features = list(hello.features)
         self._scenario = hello.scenarios[0]
-        self._fixed = dict(hello.fixed)
+        self._parameters = hello.fitted(SHORT)
         if not {"prescriber", "receiver"} & set(hello.features):
             what = "the features name neither prescriber nor receiver: most cases are skipped"
             self._add("warning", what, SAY_HELLO, answered)
@@ -199,9 +199,8 @@ class _Check:
             self._durations(process)
 
     def _reset(self, now: int) -> Object:
-        parameters = SHORT | self._fixed
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
-        return {**reset, "parameters": parameters}
+        return {**reset, "parameters": self._parameters}
 
     def _request(self, process: Process) -> Answer | None:
         command = {"name": "request", "scenario": self._scenario, "details": {}}

@@ -7,7 +7,7 @@ message only needs to be an object of a known type here.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NoReturn, TypeVar, get_args
 
@@ -40,6 +40,8 @@ NEEDS: Final[dict[str, Feature]] = {
 """The feature that each command of an application needs; ``abort`` needs none."""
 DEFAULTS: Final = {n: ms for n, ms in parameters.DEFAULTS.items() if n != "clock_drift"}
 """The parameters that every ``reset`` has, in ms or as counts.  ``clock_drift`` needs a feature."""
+ROOM: Final = 1
+"""In every graph a session needs at most this many outbox entries (MEM-1)."""
 if TYPE_CHECKING:
     Timer = str
     ParameterName = str
@@ -262,6 +264,19 @@ class HelloAnswer(_Line):
     fixed: dict[ParameterName, Natural]
     """Parameters that cannot be changed, with their values."""
 
+    def fitted(self, chosen: Mapping[str, int]) -> dict[str, int]:
+        """The chosen parameters, adapted to what this implementation can be given."""
+        p = {**chosen, **self.fixed}
+        if "clock_drift" not in self.features:
+            p.pop("clock_drift", None)
+        if p["backoff_min"] > p["backoff_max"]:
+            bound = p["backoff_min"] if "backoff_min" in self.fixed else p["backoff_max"]
+            p["backoff_min"] = p["backoff_max"] = bound
+        if "outbox_limit" not in self.fixed:
+            needed = ROOM + 1 + max(p["max_participants"], p["max_rounds"])
+            p["outbox_limit"] = max(p["outbox_limit"], needed)
+        return p
+
 
 class Answer(_Line):
     """The effects of a command."""
@@ -337,7 +352,7 @@ def _read(line: bytes, model: type[Read]) -> Read:
         errors = error.errors(include_url=False)
     # A misspelt field is reported as unknown and as missing; the first is more helpful.
     first = min(errors, key=lambda each: each["type"] != "extra_forbidden")
-    raise ProtocolError(_explained(first, value, model))
+    raise ProtocolError(_explained(first, model))
 
 
 def _float(text: str) -> NoReturn:
@@ -380,7 +395,7 @@ _EXPECTED = {
 }
 
 
-def _explained(error: ErrorDetails, value: dict[str, Json], model: type[BaseModel]) -> str:
+def _explained(error: ErrorDetails, model: type[BaseModel]) -> str:
     """An error of pydantic as a sentence that says what to do."""
     kind, loc, found = error["type"], list(error["loc"]), error["input"]
     if kind == "extra_forbidden":

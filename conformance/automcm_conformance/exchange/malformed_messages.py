@@ -192,7 +192,7 @@ def _wrong_trajectories() -> Iterator[Json]:
 def edge_cases(message: Message) -> Iterator[tuple[str, Message]]:
     """Each unusual value, with fields that make the message valid with it."""
     for name, value in message.items():
-        for other in _odd(name, value, message):
+        for other in _odd(name, value):
             yield f"{name} {_told(other)}", {name: other}
     if message["type"] == "Advertisement":
         for other in _odd_trajectories():
@@ -202,7 +202,7 @@ def edge_cases(message: Message) -> Iterator[tuple[str, Message]]:
             yield f"{name} {value}", {name: value}
 
 
-def _odd(name: str, value: Json, message: Message) -> Iterable[Json]:
+def _odd(name: str, value: Json) -> Iterable[Json]:
     match name:
         case "seq" if value:
             return (LARGE,)

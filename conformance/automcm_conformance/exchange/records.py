@@ -137,10 +137,13 @@ def replay_failure(file: Path, command: Sequence[str], limit_s: float) -> Replay
         station.stop()
     verdict: Verdict = "PASS" if wrong is None else wrong.verdict
     what = "" if wrong is None else str(wrong)
-    if verdict == "FAIL" and about["what"].endswith(f": {what}"):
-        what = about["what"]  # it begins with the defect of the message
     sent, stderr = wrong.steps if wrong else steps, getattr(wrong, "stderr", ())
-    return ReplayedFailure(about["case"], about["rule"], verdict, what, sent, stderr)
+    rule = about["rule"]
+    if f": {about['what']}".endswith(f": {what}"):
+        what = about["what"] if verdict == "FAIL" else what  # with the defect of the message
+    elif wrong is not None:  # something else than in the file
+        rule = sent[-1].expected.rule
+    return ReplayedFailure(about["case"], rule, verdict, what, sent, stderr)
 
 
 def _write_log(path: Path, case: str, steps: Sequence[Step], hello: HelloAnswer) -> None:

@@ -26,6 +26,8 @@ CUT_SHORT = "cut short"
 INTERRUPTED = "interrupted"
 BROKE = "the kit broke"
 """The beginning of a problem that is a fault of the kit."""
+EARLY = CUT_SHORT, INTERRUPTED, BROKE
+"""The beginnings of what is said of a run that ended early."""
 Level = Literal["MUST", "SHOULD", "MAY"]
 LEVELS: tuple[Level, ...] = get_args(Level)
 
@@ -289,11 +291,14 @@ class Exploration:
 
     @property
     def exit_code(self) -> int:
-        """0: nothing is wrong; 70: the kit broke; 1: a rule is broken; else 3."""
+        """0: nothing is wrong; 70: the kit broke; 1: a rule is broken; 3: an ERROR, or another
+        problem than the interruption, which is 130."""
         if self.broke:
             return 70
         verdicts = {case.verdict for case in self.cases}
-        return 1 if "FAIL" in verdicts else 3 if verdicts or self.problems else 0
+        if verdicts or set(self.problems) - {INTERRUPTED}:
+            return 1 if "FAIL" in verdicts else 3
+        return 130 if self.problems else 0
 
     def as_dict(self) -> dict[str, object]:
         """For ``exploration.json``."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from pydantic_core import to_json
 
 from automcm_conformance.adapter.protocol import Object, ProtocolError, read_answer
@@ -93,9 +95,11 @@ def _indication(i: Object) -> str:
 
 def allowed(expected: Required) -> list[str]:
     """The answers that the specification allows, in words."""
-    parts = [message(m) for m in expected.messages] or ["nothing is sent"]
-    if expected.messages and len(expected.messages) > 1:
-        parts = [f"{' and '.join(parts)} (in any order)"]
+    wanted = expected.messages
+    begins = sorted({0, *expected.begins, len(wanted)})
+    groups = [[message(m) for m in wanted[a:b]] for a, b in pairwise(begins)]
+    sent = [" and ".join(each) + " (in any order)" * (len(each) > 1) for each in groups]
+    parts = [", then ".join(sent) or "nothing is sent"]
     parts += [f"indicates {_indication(i)}" for i in expected.indications]
     parts.append(expected.phase)
     if expected.deadline != UNKNOWN:

@@ -201,13 +201,12 @@ class Explorer:
         runner, oracle, case = self.runner, each.coverage.oracle, each.id(self.seed)
         runner.labelled(oracle, pair_of(error), error, None)
         described = failure(runner, case, 1, error, self._folder)
-        rule = rule_of(oracle, error)
         given = f"a walk over {oracle.name} with {each.faults}"
         self.found.cases.append(
             CaseResult(
                 id=case,
                 verdict=error.verdict,
-                rules=[rule] if rule else [],
+                rules=[described.rule] if described.rule else [],
                 level="MUST",
                 given=given,
                 when="",

@@ -18,7 +18,6 @@ from automcm_conformance.exchange.wire import ME, STRANGER, Values
 from automcm_conformance.live.live import Failed, Live, UdpAir, Unwritten, said_by
 from automcm_conformance.suite import scripted
 from automcm_conformance.suite import scripts as s
-from automcm_conformance.suite.graph_cases import fitting
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
@@ -213,8 +212,9 @@ class LiveRun:
     def in_virtual_time(self, adapter: Adapter, case: LiveCase) -> str | None:
         """The failure of a case with an adapter; empty if it passes, None if that cannot be
         decided."""
-        given = fitting(self.parameters, adapter.hello.fixed)
-        x = Exchange(self.oracle, adapter, given, scenario=adapter.hello.scenarios[0])
+        hello = adapter.hello
+        given = hello.fitted(self.parameters)
+        x = Exchange(self.oracle, adapter, given, scenario=hello.scenarios[0])
         try:
             scripted.play(x, case.script, case.lease_ms)
         except Mismatch as wrong:

@@ -397,14 +397,12 @@ def _junit_result(case: CaseResult, cause: str) -> Skipped | Failed | Error | No
 
 def why(case: CaseResult) -> str:
     """One line: why the verdict on a case is not PASS, or is unexpected."""
-    first = case.failures[0].what if case.failures else ""
-    reason = visible(case.reason or first or case.verdict)
-    if case.expected:
-        known = case.verdict == case.wanted != "SKIP"
-        return f"expected: {visible(case.because) or reason}" if known else reason
-    if case.verdict in ("PASS", "SKIP"):
-        return f"was expected to {'fail' if case.wanted == 'FAIL' else f'be {case.wanted}'}"
-    return reason
+    reason = case.reason or (case.failures[0].what if case.failures else "")
+    if case.expected and case.verdict == case.wanted != "SKIP":
+        reason = f"expected: {case.because or reason or case.verdict}"
+    elif case.wanted not in ("PASS", case.verdict):
+        reason = "; ".join(filter(None, (f"{case.wanted} was expected", reason)))
+    return visible(reason or case.verdict)
 
 
 def as_text(case: CaseResult) -> str:

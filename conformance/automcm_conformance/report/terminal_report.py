@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from automcm_conformance.exchange.results import (
-    CUT_SHORT,
+    EARLY,
     VERDICTS,
     CaseResult,
     Failure,
@@ -31,6 +31,7 @@ from automcm_conformance.report.report import (
     share,
     totals,
     visible,
+    why,
 )
 
 STYLES = {"PASS": "green", "FAIL": "red", "INCONC": "yellow", "SKIP": "dim", "ERROR": "magenta"}
@@ -89,7 +90,7 @@ def _causes(report: Report, console: Console) -> None:
     unclear = sum(case.verdict == "INCONC" for case in report.unexpected)
     if unclear:
         remarks = [*report.problems, *report.notes]
-        ended = not found or any(remark.startswith(CUT_SHORT) for remark in remarks)
+        ended = not found or any(remark.startswith(EARLY) for remark in remarks)
         which = "because the run ended" if ended else "because of the wrong answers"
         cases_were = "case was" if unclear == 1 else "cases were"
         console.print(Text(f"{unclear} {cases_were} not reached ({which})"))
@@ -150,10 +151,7 @@ def _unexpected(report: Report, console: Console) -> None:
     table.add_column(no_wrap=True)
     table.add_column()  # rich shortens a column that may wrap before any that may not
     for case in sorted(cases, key=lambda case: ORDER.index(case.verdict))[:CASES]:
-        why = case.reason or (case.failures[0].what if case.failures else "")
-        if case.wanted != "PASS":
-            why = "; ".join(filter(None, (f"{case.wanted} was expected", why)))
-        reason = _text(why)
+        reason = _text(why(case))
         reason.no_wrap, reason.overflow = True, "ellipsis"
         verdict = Text(case.verdict, STYLES[case.verdict])
         table.add_row(verdict, _text(case.id, limit=SHORT), reason)

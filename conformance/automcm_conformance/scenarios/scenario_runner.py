@@ -119,7 +119,7 @@ class PlayRun:
         self._logs = {station: folder / f"{station}.ndjson" for station in play.stations}
         self._lines: list[Line] = []
         self._stations: dict[int, Monitor] = {}
-        self._parameters = DEFAULTS | hello.fixed
+        self._parameters = hello.fitted(DEFAULTS)
         self._radio = ScriptedRadio(play.radio, self._parameters, seed)
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
         self._order = 0

@@ -25,7 +25,7 @@ from automcm_conformance.exchange.play import LEASES, RUNS, play, shortened
 from automcm_conformance.exchange.results import CUT_SHORT, KEPT, NONDETERMINISTIC, Deciding
 from automcm_conformance.exchange.tours import Allowed, Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
-from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
+from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
     WHOLE,
@@ -55,18 +55,6 @@ NEAR = 4
 """An exchange with more inputs is compared with the shortest way to its last one."""
 ATTEMPTS = 3
 """Tours that may fail to reach a pair because time does not allow it."""
-
-
-def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, int]:
-    """The chosen parameters, with the fixed ones adapted."""
-    p = {**chosen, **fixed}
-    if p["backoff_min"] > p["backoff_max"]:
-        bound = p["backoff_min"] if "backoff_min" in fixed else p["backoff_max"]
-        p["backoff_min"] = p["backoff_max"] = bound
-    if "outbox_limit" not in fixed:
-        needed = ROOM + 1 + max(p["max_participants"], p["max_rounds"])
-        p["outbox_limit"] = max(p["outbox_limit"], needed)
-    return p
 
 
 class Runner:
@@ -153,16 +141,13 @@ class Runner:
     ) -> Exchange:
         """An exchange with a fresh station over the adapter or another ``link``, by default with
         the limits of the graph. Parameters that need a missing feature are omitted."""
-        if "clock_drift" not in self.features:
-            parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
-        given = fitting({**parameters, **limits}, self.fixed)
-        scenario = self.adapter.hello.scenarios[0]
+        hello = self.adapter.hello
         return Exchange(
             oracle,
             link or self.adapter,
-            given,
-            scenario=scenario,
+            hello.fitted({**parameters, **limits}),
+            scenario=hello.scenarios[0],
             judges_marks="cam" in self.features
             and not (self._cam_marks and self._cam_marks.decided),
             rich=rich,

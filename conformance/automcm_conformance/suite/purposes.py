@@ -40,6 +40,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator
 
 from automcm_conformance.adapter.kit_paths import SUITE
+from automcm_conformance.adapter.protocol import ROOM
 from automcm_conformance.exchange.results import LEVELS, Level
 from automcm_spec.graph.oracle import Effect
 from automcm_spec.vocabulary import station as spec
@@ -49,9 +50,6 @@ Features = tuple[Any, ...]
 Wanted = Annotated[frozenset[Any], BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
 """In the file, one value is a list of one."""
 PATH = SUITE / "purposes.toml"
-
-ROOM = 1
-"""In every graph a session needs at most this many outbox entries (MEM-1)."""
 
 FEATURES = (
     *("rule", "role", "phase", "input", "changes", "own", "accepted", "answer", "reason"),

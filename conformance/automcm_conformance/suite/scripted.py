@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from automcm_conformance.adapter.protocol import ROOM
 from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import scripts as s
-from automcm_conformance.suite.purposes import ROOM
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.parameters import cam_lead
 from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer

@@ -14,17 +14,8 @@ from cli_stage import REFERENCE
 from pydantic import ValidationError
 
 from automcm.adapters import adapter_lines
-from automcm_conformance.adapter import adapter_schema
+from automcm_conformance.adapter import adapter_schema, protocol
 from automcm_conformance.adapter.process import Process
-from automcm_conformance.adapter.protocol import (
-    COMMAND,
-    DEFAULTS,
-    INDICATIONS,
-    ProtocolError,
-    Refused,
-    read_answer,
-    read_hello,
-)
 from automcm_spec.vocabulary import application
 from automcm_spec.vocabulary.application import Phase, Role, names
 from automcm_spec.vocabulary.json_schema import text
@@ -35,6 +26,7 @@ from automcm_spec.vocabulary.messages import (
     Trajectory,
     to_dict,
 )
+from automcm_spec.vocabulary.parameters import Parameters
 from automcm_spec.vocabulary.station import Station
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -68,7 +60,7 @@ DRIFTING: dict[str, Any] = {
     "now": 1000,
     "station": 4711,
     "seed": 1,
-    "parameters": dict.fromkeys((*DEFAULTS, "clock_drift"), 9),
+    "parameters": dict.fromkeys((*protocol.DEFAULTS, "clock_drift"), 9),
 }
 COMMANDS: list[dict[str, Any]] = [
     {"cmd": "hello", "protocol": 1},
@@ -77,7 +69,7 @@ COMMANDS: list[dict[str, Any]] = [
         "now": 1000,
         "station": 4711,
         "seed": 1,
-        "parameters": dict.fromkeys(DEFAULTS, 9),
+        "parameters": dict.fromkeys(protocol.DEFAULTS, 9),
     },
     DRIFTING,
     {"cmd": "receive", "now": 1, "message": {}},
@@ -202,37 +194,47 @@ def line(value: Any) -> bytes:
 
 def test_what_is_taken() -> None:
     for command in COMMANDS:
-        COMMAND.validate_python(command)
+        protocol.COMMAND.validate_python(command)
     for answer in ANSWERS:
-        read = read_answer(line(answer))
+        read = protocol.read_answer(line(answer))
         assert read.model_dump(exclude_unset=True) == answer
-    assert read_hello(line(HELLO)).model_dump() == HELLO
+    assert protocol.read_hello(line(HELLO)).model_dump() == HELLO
 
 
 def test_the_kit_cannot_write_just_anything() -> None:
     for command in NO_COMMANDS:
         with pytest.raises(ValidationError):
-            COMMAND.validate_python(command)
+            protocol.COMMAND.validate_python(command)
+
+
+@pytest.mark.parametrize(
+    "fixed", [{"backoff_min": 3000}, {"backoff_max": 1}, {"max_rounds": 99}], ids=str
+)
+def test_chosen_parameters_fit_the_fixed_ones(fixed: dict[str, int]) -> None:
+    hello = protocol.HelloAnswer.model_validate(HELLO | {"fixed": fixed})
+    given = hello.fitted(protocol.DEFAULTS | {"clock_drift": 1})
+    assert fixed.items() <= given.items() and "clock_drift" not in given
+    assert Parameters(**given)
 
 
 @pytest.mark.parametrize(
     ("read", "raw", "why"),
     [
-        *((read_answer, line(value), why) for value, why in NO_ANSWERS),
-        *((read_hello, line(value), why) for value, why in NO_HELLOS),
-        *((read_answer, raw, why) for raw, why in NOT_JSON),
+        *((protocol.read_answer, line(value), why) for value, why in NO_ANSWERS),
+        *((protocol.read_hello, line(value), why) for value, why in NO_HELLOS),
+        *((protocol.read_answer, raw, why) for raw, why in NOT_JSON),
     ],
 )
 def test_what_is_no_answer(read: Callable[[bytes], object], raw: bytes, why: str) -> None:
-    with pytest.raises(ProtocolError) as caught:
+    with pytest.raises(protocol.ProtocolError) as caught:
         read(raw)
     assert why in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_an_error_is_an_answer_of_its_own() -> None:
-    with pytest.raises(Refused) as caught:
-        read_answer(b'{"error": "what is restart?"}')
+    with pytest.raises(protocol.Refused) as caught:
+        protocol.read_answer(b'{"error": "what is restart?"}')
     assert caught.value.why == "what is restart?"
 
 
@@ -244,7 +246,7 @@ def test_the_page_has_the_same_indications() -> None:
         if row.startswith("| `")
     ][1:]
     assert {name.strip("`"): fields.count("`") // 2 for name, fields in rows if fields} == {
-        name: len(fields) + (name == "fallback") for name, fields in INDICATIONS.items()
+        name: len(fields) + (name == "fallback") for name, fields in protocol.INDICATIONS.items()
     }  # the row of fallback names a reason, too
 
 
@@ -267,7 +269,9 @@ def test_what_an_indication_is_on_a_line_and_in_a_log() -> None:
         application.Refused(detail="abort"),
         application.Discarded(detail="Fin"),
     ]
-    assert tuple(i.name for i in told) == names(application.Indication) == tuple(INDICATIONS)
+    assert (
+        tuple(i.name for i in told) == names(application.Indication) == tuple(protocol.INDICATIONS)
+    )
     lines = [i.model_dump(mode="json") for i in told]
     assert lines == [without(line, "rule", "detail") for line in TOLD]
     assert told[8].as_dict() == {"name": "refused", "detail": "abort"}

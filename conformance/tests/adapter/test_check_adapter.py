@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from suite_stage import LIMIT, SHORT
+from wrong_station import station
 
 from automcm_conformance.adapter.check_adapter import Checked, check
 from automcm_maintenance.code_mutation import faults
@@ -35,6 +36,12 @@ def test_the_usual_mistakes(name: str) -> None:
     findings = [f for f in found(text) if f.level != "ok"]
     assert any(what in f"{f.level}: {f.what}" for f in findings), findings
     assert all(f.level == "warning" for f in findings) == what.startswith("warning")
+
+
+def test_a_fixed_parameter_is_given_with_others_that_fit() -> None:
+    command = station('kit.HELLO["fixed"] = {"backoff_min": 3000}')
+    told = [f.what for f in check(command, LIMIT, lambda text: None)]
+    assert not any("answered with an error" in what for what in told), told
 
 
 def test_a_finding_shows_the_line_and_its_answer() -> None:

@@ -245,12 +245,16 @@ def test_explain_says_all_of_one_case() -> None:
 # -- replay
 
 
-def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
+def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done, tmp_path: Path) -> None:
     (file,) = (bad.folder / "replay").iterdir()
     again = automcm("conform", "replay", file, "--", *CARELESS)
     assert again.exit_code == 1 and f"FAIL {CASE}" in again.output
     odd = "Intention with unknown 1: "
     assert odd in bad.out and f"END-5: {odd}" in again.output, "what is wrong with the message"
+    other = tmp_path / "other.json"  # of another failure
+    told = json.loads(file.read_text()) | {"rule": "NEG-4", "what": "phase"}
+    other.write_text(json.dumps(told))
+    assert "END-5: " in automcm("conform", "replay", other, "--", *CARELESS).output
     right = automcm("conform", "replay", file, "--json", "-", "--", *REFERENCE)
     assert right.exit_code == 0
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}

@@ -209,6 +209,7 @@ def test_what_is_wrong_is_found_shortened_and_kept(how: str, tmp_path: Path) -> 
     found = explored(wrong.code, tmp_path, wrong.walks, limit_s=wrong.limit_s)
     (case,) = found.cases
     assert (case.verdict, found.exit_code) == (wrong.verdict, 1 if wrong.verdict == "FAIL" else 3)
+    assert case.rules == [each.rule for each in case.failures if each.rule]
     told = [*case.rules, case.reason, *(line for each in case.failures for line in each.came)]
     assert any(wrong.says in text for text in told), told
     assert found.acts[case.id] <= wrong.acts and found.problems == []
@@ -250,7 +251,7 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
     found = explore.explore(
         command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, notify=notify, more=more
     )
-    assert found.problems == ["interrupted"] and found.coverage
+    assert found.problems == ["interrupted"] and found.coverage and found.exit_code == 130
 
 
 def test_the_command_line(tmp_path: Path) -> None:

@@ -121,10 +121,10 @@ def test_junit_says_what_the_exit_code_says(tmp_path: Path) -> None:
         "BI-03": ("ERROR", "PASS", ("Error", "ERROR", "why")),
         "BI-04": ("SKIP", "PASS", ("Skipped", "SKIP", "why")),
         "BI-05": ("FAIL", "FAIL", ("Skipped", "FAIL", "expected: known")),
-        "BI-06": ("PASS", "FAIL", ("Failure", "PASS", "was expected to fail")),
-        "BI-07": ("ERROR", "FAIL", ("Error", "ERROR", "why")),
-        "BI-08": ("SKIP", "FAIL", ("Failure", "SKIP", "was expected to fail")),
-        "BI-09": ("PASS", "INCONC", ("Failure", "PASS", "was expected to be INCONC")),
+        "BI-06": ("PASS", "FAIL", ("Failure", "PASS", "FAIL was expected; why")),
+        "BI-07": ("ERROR", "FAIL", ("Error", "ERROR", "FAIL was expected; why")),
+        "BI-08": ("SKIP", "FAIL", ("Failure", "SKIP", "FAIL was expected; why")),
+        "BI-09": ("PASS", "INCONC", ("Failure", "PASS", "INCONC was expected; why")),
     }
     cases = [
         case(

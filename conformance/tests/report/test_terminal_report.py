@@ -12,7 +12,7 @@ from report_stage import case, failure, run
 from report_stage import hostile as hostile
 from rich.console import Console
 
-from automcm_conformance.exchange.results import CUT_SHORT, Report
+from automcm_conformance.exchange.results import BROKE, CUT_SHORT, INTERRUPTED, Report
 from automcm_conformance.report import terminal_report
 
 
@@ -89,6 +89,8 @@ def test_why_cases_were_not_reached() -> None:
     for notes, why in (
         ([], "because of the wrong answers"),
         ([f"{CUT_SHORT} after 1 failed case"], "because the run ended"),
+        ([INTERRUPTED], "because the run ended"),
+        ([f"{BROKE}: KeyError: 1"], "because the run ended"),
     ):
         report.notes = notes
         out = printed(lambda console: terminal_report.summary(report, console))

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from suite_stage import graph
 
+from automcm_conformance.adapter.protocol import ROOM
 from automcm_conformance.suite.purposes import (
     FEATURES,
-    ROOM,
     Features,
     Owners,
     Purpose,

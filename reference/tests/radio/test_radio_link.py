@@ -6,16 +6,8 @@ import pytest
 
 from automcm.links.clock import VirtualClock
 from automcm_evaluation.radio import radio_sessions
+from automcm_simulation.radio import radio_link
 from automcm_simulation.radio.radio import LARGEST_BYTES
-from automcm_simulation.radio.radio_link import (
-    ALPHA,
-    DOWN,
-    LONGEST_MS,
-    SHORTEST_MS,
-    UP,
-    GateKeeper,
-    RadioLinks,
-)
 from automcm_simulation.radio.table_radio import TableRadio
 from automcm_spec.vocabulary.messages import BROADCAST
 
@@ -24,10 +16,10 @@ PLACES = {1: (0.0, 0.0), 2: (20.0, 0.0), 3: (20.0, 3.5)}
 
 def joined(
     places: dict[int, tuple[float, float]] | None = None, *, control: bool = False
-) -> tuple[VirtualClock, RadioLinks, list[tuple[int, int, bytes]]]:
+) -> tuple[VirtualClock, radio_link.RadioLinks, list[tuple[int, int, bytes]]]:
     clock = VirtualClock()
     now = PLACES if places is None else places
-    links = RadioLinks(clock, TableRadio(1), lambda: now, congestion_control=control)
+    links = radio_link.RadioLinks(clock, TableRadio(1), lambda: now, congestion_control=control)
     received: list[tuple[int, int, bytes]] = []
     for station in PLACES:
 
@@ -71,7 +63,7 @@ def test_what_no_frame_holds_and_who_has_no_place_is_lost_and_counted() -> None:
 
 def test_without_a_callback_the_caller_places_the_stations() -> None:
     clock, received = VirtualClock(), []
-    links = RadioLinks(clock, TableRadio(1))
+    links = radio_link.RadioLinks(clock, TableRadio(1))
     for station in PLACES:
         links.link(station).open(lambda data, tx, station=station: received.append(station))  # type: ignore[misc]
     for left_out in (2, 3, 1):
@@ -86,7 +78,7 @@ def test_a_station_has_one_link_and_none_after_closing_it() -> None:
     with pytest.raises(ValueError, match="station_id 1 has a link already"):
         links.link(1)
     clock = VirtualClock()
-    links = RadioLinks(clock, TableRadio(1), lambda: PLACES)
+    links = radio_link.RadioLinks(clock, TableRadio(1), lambda: PLACES)
     one = links.link(1)
     one.close()
     one.send(b"late", BROADCAST, "1:1")
@@ -95,21 +87,21 @@ def test_a_station_has_one_link_and_none_after_closing_it() -> None:
 
 
 def test_a_share_changes_by_limited_steps() -> None:
-    falls, grows = GateKeeper(), GateKeeper()
-    before = falls.share * (1 - ALPHA)
+    falls, grows = radio_link.GateKeeper(), radio_link.GateKeeper()
+    before = falls.share * (1 - radio_link.ALPHA)
     falls.update(1.0, 0)
     grows.update(0.0, 0)
-    assert falls.share == pytest.approx(before + DOWN)
-    assert grows.share == pytest.approx(before + UP)
+    assert falls.share == pytest.approx(before + radio_link.DOWN)
+    assert grows.share == pytest.approx(before + radio_link.UP)
 
 
 def test_the_gate_is_closed_for_at_least_25_ms_and_at_most_a_second() -> None:
-    gate = GateKeeper()
+    gate = radio_link.GateKeeper()
     gate.sent(1.0, 100)
-    assert gate.opens_ms() == 100 + SHORTEST_MS
+    assert gate.opens_ms() == 100 + radio_link.SHORTEST_MS
     gate.share = 0.0006
     gate.sent(2000.0, 200)
-    assert gate.opens_ms() == 200 + LONGEST_MS
+    assert gate.opens_ms() == 200 + radio_link.LONGEST_MS
     gate.share = 0.01
     gate.sent(500.0, 2000)
     assert gate.opens_ms() == pytest.approx(2050)
@@ -118,7 +110,7 @@ def test_the_gate_is_closed_for_at_least_25_ms_and_at_most_a_second() -> None:
 @pytest.mark.parametrize("busy", [-0.1, 1.1])
 def test_another_busy_ratio_is_refused(busy: float) -> None:
     with pytest.raises(ValueError, match="the channel busy ratio must be from 0 to 1"):
-        GateKeeper().update(busy, 0)
+        radio_link.GateKeeper().update(busy, 0)
 
 
 def test_the_models_are_those_of_even_loss_where_nothing_varies() -> None:

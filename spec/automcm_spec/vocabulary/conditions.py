@@ -133,12 +133,6 @@ def blocking_conditions(
     return found
 
 
-def decided_at(evaluated: list[Evaluated], rule: str) -> int:
-    """The line that named the rule of an outcome; 0 if there is none."""
-    places = (t.condition for t in reversed(evaluated) if t.condition.kind == "rule")
-    return next((place.line for place in places if place.text == rule), 0)
-
-
 @cache
 def _recording_class(made: type) -> type:
     """A subclass that calls ``_hook`` at every condition; each method is compiled at its first

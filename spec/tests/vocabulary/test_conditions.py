@@ -10,7 +10,6 @@ from automcm_spec.vocabulary.conditions import (
     Condition,
     Evaluated,
     blocking_conditions,
-    decided_at,
     record,
     recording,
 )
@@ -93,8 +92,8 @@ def test_the_line_that_decides() -> None:
         (LIMITS.initial, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
     ):
         effect, evaluated = decide(st, asked)
-        assert f'"{effect.rule}"' in lines[decided_at(evaluated, effect.rule) - 1]
-        assert decided_at(evaluated, "NEG-0") == 0
+        *_, rule = (each.condition for each in evaluated if each.condition.kind == "rule")
+        assert rule.text == effect.rule and f'"{effect.rule}"' in lines[rule.line - 1]
 
 
 # Which guard was in the way.

@@ -131,7 +131,9 @@ class Check:
         engine = self.engine
         if engine is None or self.over:
             return
-        if self.first_ms is None and self.log.mid_session and not self.judged_from:
+        if self.first_ms is None:
+            self.first_ms = event.t_ms
+        if not self.events and self.log.mid_session and not self.judged_from:
             if not self._start.known_before(event):
                 return
             self.judged_from, engine.since_ms = at, self._start.since_ms or 0
@@ -139,8 +141,6 @@ class Check:
         self.recent.append((at, event))
         if self.judged_from and self._start.is_left_over(event, engine.timers):
             return
-        if self.first_ms is None:
-            self.first_ms = event.t_ms
         try:
             engine.feed(at, event)
         except (Diverges, CannotTell) as error:

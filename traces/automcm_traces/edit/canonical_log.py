@@ -14,6 +14,8 @@ from typing import Any
 
 from automcm_spec.log_format.log import RECORD, Event, Receive, Send
 from automcm_spec.log_format.reader import Log
+from automcm_spec.vocabulary.messages import session_in
+from automcm_traces.system.fates import is_for
 
 Json = Any
 IDS = ("dst", "src", "station", "target", "to")
@@ -82,7 +84,7 @@ class Canonical:
         for line, event in self._log.events:
             if event.ev not in self._kinds or (isinstance(event, Send) and event.is_cam):
                 continue
-            if isinstance(event, Receive) and (event.message or {}).get("dst", mine) != mine:
+            if isinstance(event, Receive) and not is_for(mine, event.message or {}):
                 continue  # it is ignored (MSG-1)
             if event.is_input and step:
                 yield from self._canonical_step(step)
@@ -172,13 +174,13 @@ class Canonical:
 
     def _session(self, value: Json) -> Json:
         """The canonical session: numbered per prescriber in order of appearance."""
-        if not isinstance(value, list | tuple) or [type(part) for part in value] != [int, int]:
+        if (session := session_in(value)) is None:
             return value
-        prescriber = self._id(value[0])
+        prescriber = self._id(session[0])
         known = self._numbers.setdefault(prescriber, [])
-        if value[1] not in known:
-            known.append(value[1])
-        return [prescriber, known.index(value[1]) + 1]
+        if session[1] not in known:
+            known.append(session[1])
+        return [prescriber, known.index(session[1]) + 1]
 
 
 def _named(value: dict[str, Json]) -> str:

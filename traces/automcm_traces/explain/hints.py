@@ -69,7 +69,9 @@ class Hints(Watcher):
         """Take note of an event."""
         self._time(event.t_ms)
         if isinstance(event, Send):
-            if not self._sent.add(transmission(event.tx)[1]) and not self._again:
+            station, number = transmission(event.tx)
+            own = station == self._header.station
+            if own and not self._sent.add(number) and not self._again:
                 again = "each transmission needs its own, also a copy"
                 self._again = f"line {line} uses tx {event.tx} a second time: {again}"
             if event.is_cam:

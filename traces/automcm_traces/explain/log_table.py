@@ -25,9 +25,10 @@ from automcm_spec.log_format.event_text import (
 from automcm_spec.log_format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import LogStream, Notice, header_of, records
 from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.system.copy_folding import Key, OfCams, folded, key_of
+from automcm_spec.vocabulary.messages import session_in
+from automcm_traces.system.copy_folding import Fold, Key, OfCams, folded, key_of
 from automcm_traces.system.event_order import Head, Ordered
-from automcm_traces.system.fates import Arrow, Fate, Fates, head
+from automcm_traces.system.fates import Arrow, Fate, Fates, head, is_for
 from automcm_traces.system.matching import Ledger, Matches
 
 WIDTH = 80
@@ -35,7 +36,6 @@ NARROWEST = 20
 """The minimum column width of a station; with less space, all stations share one column."""
 MOST_LINES = 5
 """The maximum number of lines of a row."""
-TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ def _noted(row: TableRow, arrows: tuple[Arrow, ...], fates: Fates) -> TableRow:
     marks = {"forged": "forged", "duplicated": "2nd"}
     notes = [marks[a.fate] for a in arrows if a.fate in marks]
     m = row.event.message
-    if m is not None and type(m.get("dst")) is int and m["dst"] != row.station:
+    if m is not None and not is_for(row.station, m):
         notes.append(f"for {m['dst']}")
     return replace(row, notes=tuple(notes), arrows=arrows)
 
@@ -244,7 +244,7 @@ class Filter:
         if not self.timers and isinstance(event, TimerArm | TimerEnd):
             return False
         marks = m.get("marks") if m is not None else None
-        marked = isinstance(marks, list) and list(self.session or ()) in marks
+        marked = isinstance(marks, list) and self.session in map(session_in, marks)
         if self.session not in (None, session) and not marked:
             return False
         self.hidden_cams += of_cams and event.is_cam
@@ -264,15 +264,15 @@ class Filter:
         return None
 
 
-def folds(rows: Iterable[TableRow], unfold: bool = False) -> Iterator[tuple[TableRow, int]]:
-    """The rows, and the number of copies for which each stands: 1 with ``unfold``."""
+def folds(rows: Iterable[TableRow], unfold: bool = False) -> Iterator[Fold[TableRow]]:
+    """The rows, each with its copies folded; with ``unfold``, each alone."""
 
     def key(row: TableRow) -> Key | None:
         if row.event is None or unfold:
             return None
         return key_of(row.station, row.event, (row.notes, row.arrows), bool(row.phase))
 
-    return ((fold.first, fold.times) for fold in folded(rows, key))
+    return folded(rows, key)
 
 
 # -- the rows as text
@@ -319,30 +319,29 @@ class LogTable:
         names = " ".join(fitted(str(s), self._width) for s in self._stations)
         return [f"{time} {names}".rstrip()]
 
-    def lines(self, row: TableRow, times: int = 1) -> Iterator[tuple[Kind, str]]:
+    def lines(self, row: TableRow, mark: str = "") -> Iterator[tuple[Kind, str]]:
         """The row, and a further line if it changes the phase of its station.
 
-        ``times`` is the number of copies for which the row stands.
+        ``mark`` is that of its fold.
         """
         t_ms = ""
         if row.event is not None:
             t_ms = str(row.event.t_ms - self._start_ms.get(row.station, 0))
         gutter = f"{t_ms:>{self._time}} {row.line:>6} "
-        for line in self._texts(row, times):
+        for line in self._texts(row, mark):
             yield row.kind, self._cell(gutter, row.station, line)
             gutter = " " * self._gutter
         if row.phase:
             yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(row.phase)}")
 
-    def _texts(self, row: TableRow, times: int) -> list[str]:
+    def _texts(self, row: TableRow, mark: str) -> list[str]:
         """The row as lines that fit."""
         if row.event is None:
             return [fitted(safe(row.text), self._width)]
         m = row.event.message if isinstance(row.event, Send) else {}
         to_one = isinstance(m.get("dst"), int) and len(row.notes) == 1
         marks = [Word(note, (note[0],) if to_one else (), 3) for note in row.notes]
-        copies = [Word(f"{TIMES}{times}")] if times > 1 else []
-        return wrapped([*marks, *words(row.event), *copies], self._width)
+        return wrapped([*marks, *words(row.event), Word(mark)], self._width)
 
     def _cell(self, gutter: str, station: int, label: str) -> str:
         if not self._apart:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from automcm_spec.log_format.event_text import summary
 from automcm_spec.log_format.log import ApplicationCommand, ApplicationIndication, Receive, Restart
 from automcm_spec.support.bad_input import printable
-from automcm_traces.explain.log_table import TIMES, TableRow, folds
+from automcm_traces.explain.log_table import TableRow, folds
 from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
@@ -43,12 +43,11 @@ def diagram(
     yield "sequenceDiagram"
     yield from (f"  participant S{station} as {station}" for station in sorted(known))
     drawn = left_out = 0
-    for row, times in folds(kept, unfold):
-        room = max(0, most - drawn)
+    for fold in folds(kept, unfold):
+        row, room = fold.first, max(0, most - drawn)
         drawn += len(row.arrows)
-        left_out += times * len(row.arrows[room:])
-        mark = f"{TIMES}{times}" if times > 1 else ""
-        yield from (f"  {_arrow(row, arrow, mark)}" for arrow in row.arrows[:room])
+        left_out += fold.times * len(row.arrows[room:])
+        yield from (f"  {_arrow(row, arrow, fold.mark)}" for arrow in row.arrows[:room])
         if drawn > most:
             continue
         if isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):

@@ -155,9 +155,7 @@ class Fates:
             return None if unmatched is None else Arrow(source_of(m), me, unmatched, None, node)
         sent, _, again = match
         source = self._matches.stations[sent[0]]
-        to = m.get("dst", 0)
-        addressed = to == me or type(to) is not int or to <= 0
-        fate: Fate = "duplicated" if again else "delivered" if addressed else "overheard"
+        fate: Fate = "duplicated" if again else "delivered" if is_for(me, m) else "overheard"
         return None if source == me else Arrow(source, me, fate, sent, node)
 
     def _unmatched(self, node: Node, m: Fields, tx: str | None) -> Fate | None:
@@ -186,6 +184,12 @@ class Fates:
         ):
             return ANYONE
         return sender
+
+
+def is_for(station: int, message: Fields) -> bool:
+    """Whether a message names the station as addressee, or no other station."""
+    dst = message.get("dst", 0)
+    return dst == station or type(dst) is not int or dst <= 0
 
 
 def addressees(sender: int, message: Fields, stations: Sequence[int]) -> list[int]:

@@ -273,7 +273,8 @@ class _Acting:
         """
         loss, start = self._known.get("t_cam_loss"), self._acts.start
         last_cam_ms, forged = start.t_ms, ""
-        for at, t_ms in [*self._cams(), (-1, self._until_ms)]:
+        cams = [(m.at, m.t_ms) for m in self._cams()]
+        for at, t_ms in [*cams, (-1, self._until_ms)]:
             if 0 <= at <= start.at:
                 continue
             if found := self._world.forged(self._station, at):
@@ -338,24 +339,17 @@ class _Acting:
             when = " from then on"
             yield _count(world, target, station, departure.at, None, "Cancel", when)
         if cams:
-            line = log.events[cams[-1][0]][0]
-            yield f"the last CAM that counted was at {log.file}:{line}"
+            yield f"the last CAM that counted was at {self._own.where(cams[-1])}"
         else:
             yield f"no CAM of station {target} counted"
 
-    def _cams(self) -> list[tuple[int, int]]:
-        """The CAMs of the target that named the session and reached the prescriber before it left
-        (ACT-5): index of the event, and time."""
-        events, end = self._world.log(self._station).events, self._acts.end
-        found = []
-        for at in range(end.at if end is not None else len(events)):
-            e = events[at][1]
-            m = e.message if isinstance(e, Receive) else None
-            if m is not None and m.get("src") == self._target:
-                marks = m.get("marks")
-                if isinstance(marks, list) and list(self._session) in marks:
-                    found.append((at, e.t_ms))
-        return found
+    def _cams(self) -> list[Moment]:
+        """The CAMs of the target that counted in the session (ACT-5) before the prescriber
+        left."""
+        end = self._acts.end
+        counted = (m for m in self._own.moments if m.cause == "receive CAM")
+        before = (m for m in counted if end is None or m.at < end.at)
+        return [m for m in before if m.session == self._session]
 
 
 def _count(

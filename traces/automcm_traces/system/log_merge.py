@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, pairwise, repeat
 
-from automcm_spec.log_format.log import Event, Receive, Send
+from automcm_spec.log_format.log import Event, Receive, Send, transmission
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import Fields
 from automcm_traces.system.event_order import Head, Node, Ordered
@@ -163,9 +163,10 @@ def merge(logs: Sequence[Log]) -> Merged:
 def _repeated(merged: Merged) -> Iterator[str]:
     """A notice for each transmission that takes the ``tx`` of another."""
     for i, ledger in enumerate(merged.matches.ledgers):
-        first: dict[str, int] = {}
+        first: dict[tuple[int, int], int] = {}
         for k in ledger.sent.at:
             event = merged.event((i, k))
-            if isinstance(event, Send) and first.setdefault(event.tx, k) != k:
-                was = merged.where((i, first[event.tx]))
-                yield f"{merged.where((i, k))}: tx {event.tx} repeats {was}"
+            assert isinstance(event, Send), "a ledger's sent messages"
+            if (was := first.setdefault(transmission(event.tx), k)) != k:
+                repeats = f"tx {event.tx} repeats {merged.where((i, was))}"
+                yield f"{merged.where((i, k))}: {repeats}"

@@ -151,7 +151,8 @@ def test_a_tx_that_is_used_twice(run: list[Path], tmp_path: Path) -> None:
     tx = lines[sent[1]]["tx"]
     assert verdict.verdict == "allowed"
     assert verdict.hint.startswith(f"line {sent[3] + 1} uses tx {tx} a second time"), verdict.hint
-    assert judged(tmp_path, records(run[0])).hint == ""
+    lines[sent[3]]["tx"] = f"9{tx}"  # not of this station
+    assert judged(tmp_path, lines).hint == judged(tmp_path, records(run[0])).hint == ""
 
 
 CUTS: list[Callable[[Json], bool]] = [
@@ -175,6 +176,7 @@ def test_a_log_that_begins_in_mid_session(
         assert 'mid-session? Then its header needs "begins": "running"' in verdict.hint
         marked = judged(tmp_path, [begin[0] | {"begins": "running"}, *begin[1:]])
         assert marked.verdict == "cannot_tell" and marked.hint == ""
+        assert marked.first_ms == begin[1]["t_ms"]
 
 
 @pytest.mark.parametrize("type_", ["Acceptance", "Prescription", "Fin"])

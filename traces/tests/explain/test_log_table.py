@@ -78,9 +78,11 @@ def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
 
 
 def test_msg_1_what_is_overheard_is_marked(tmp_path: Path) -> None:
-    path = log(tmp_path, 9, event("receive", tx="7:1", message=fin(7, 8)))
-    row = rows(path)[0].as_dict()
-    assert (row["notes"], row["text"]) == (["for 8"], "<- Fin 7 7/1#1")
+    to: list[Any] = [8, 9, 0, -1, "all"]
+    sent = [{**fin(7, 8), "dst": dst} for dst in to]
+    path = log(tmp_path, 9, *(event("receive", tx=f"7:{n}", message=m) for n, m in enumerate(sent)))
+    assert [row.notes for row in rows(path)[: len(to)]] == [("for 8",), (), (), (), ()]
+    assert rows(path)[0].as_dict()["text"] == "<- Fin 7 7/1#1"
 
 
 def test_columns_of_two_stations(tmp_path: Path) -> None:

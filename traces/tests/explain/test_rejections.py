@@ -166,7 +166,8 @@ def test_what_was_accepted_too_is_delivered() -> None:
 def test_datagrams_rejected_for_the_same_reason_fold(tmp_path: Path) -> None:
     sent = [("2:1", "stale")] * 4 + [("3:1", "stale")] + [("3:1", "early")]
     rows = Logs([log(tmp_path, *sent)]).filtered(Filter())
-    assert [(" ".join([*row.notes, row.as_dict()["text"]]), n) for row, n in folds(rows)][:-1] == [
+    told = ((fold.first.notes, fold.first.as_dict()["text"], fold.times) for fold in folds(rows))
+    assert [(" ".join([*notes, text]), times) for notes, text, times in told][:-1] == [
         ("<- rejected 2 stale", 4),
         ("<- rejected 3 stale", 1),
         ("<- rejected 3 early", 1),

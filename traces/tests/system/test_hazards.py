@@ -201,11 +201,10 @@ def test_the_clocks_of_the_stations_need_not_agree(silent: Run, tmp_path: Path, 
     assert hazard.length.high - hazard.length.low <= 10
 
 
-def cam_of_2(run: Run, at: int) -> None:
+def cam_of_2(run: Run, at: int, generated: int = 0) -> None:
     """A CAM in the name of station 2 that still names the session."""
-    cam = Cam(
-        src=2, generation_ms=at, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=((1, 1),)
-    )
+    where = dict.fromkeys(("x_mm", "y_mm", "heading_mrad", "speed_mm_s"), 0)
+    cam = Cam(src=2, generation_ms=generated or at, marks=((1, 1),), **where)
     run.simulation.clock.at(at, lambda: run.simulation.services[1].receive(encode(cam)) and None)
 
 
@@ -225,6 +224,14 @@ def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None
     (forged,) = report.forged
     assert hazard.prolonged_by == f"CAM from 2, at {at_of(forged)}"
     assert report.verdict == "violated" and "prolonged by forged CAM from 2" in report.text()
+
+
+def test_act_5_an_old_cam_does_not_count(tmp_path: Path) -> None:
+    run = aborted(tmp_path)
+    cam_of_2(run, CUT + 1000, 1)
+    (hazard,) = judge(run.logs()).hazards
+    line = int(hazard.between[-1].rpartition(":")[2])
+    assert dict(run.logs()[0].events)[line].t_ms < CUT + 200
 
 
 def test_t_2_a_forged_cam_that_changes_nothing_is_not_named(tmp_path: Path) -> None:

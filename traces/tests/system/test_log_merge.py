@@ -104,10 +104,10 @@ def test_two_logs_of_one_station_are_refused(logs: list[Log], tmp_path: Path) ->
 def test_a_transmission_id_that_comes_twice_is_noted(logs: list[Log], tmp_path: Path) -> None:
     def again(record: dict[str, Any]) -> None:
         if record.get("ev") == "send" and record["tx"] == "2:5":
-            record["tx"] = "2:4"
+            record["tx"] = "2:04"
 
     notices = merge([logs[0], copied(logs[1], tmp_path, again)]).notices
-    assert len(notices) == 1 and "tx 2:4 repeats" in notices[0]
+    assert len(notices) == 1 and "tx 2:04 repeats" in notices[0]
 
 
 def test_without_transmission_ids_content_and_time_decide(tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_a_page_folds_the_rows_that_show_folds_and_copies_of_other_fates(path: P
     lines = list(accumulate(column(rows, "line"), lambda a, b: a + b + 1))
     kept = [n for n, line in enumerate(lines) if not copy[n] and not flags[n] & OF_CAM]
     shown = folds(Logs([path]).filtered(Filter()))
-    heads = {row.line for row, *_ in shown if row.event}
+    heads = {fold.first.line for fold in shown if fold.first.event}
     assert 0.5 * len(heads) < len(kept) and {lines[n] + 2 for n in kept} <= heads
 
 
