@@ -207,9 +207,7 @@ def test_the_kit_cannot_write_just_anything() -> None:
             protocol.COMMAND.validate_python(command)
 
 
-@pytest.mark.parametrize(
-    "fixed", [{"backoff_min": 3000}, {"backoff_max": 1}, {"max_rounds": 99}], ids=str
-)
+@pytest.mark.parametrize("fixed", [{"backoff_min": 3000}, {"backoff_max": 1}, {"max_rounds": 99}])
 def test_chosen_parameters_fit_the_fixed_ones(fixed: dict[str, int]) -> None:
     hello = protocol.HelloAnswer.model_validate(HELLO | {"fixed": fixed})
     given = hello.fitted(protocol.DEFAULTS | {"clock_drift": 1})

@@ -80,7 +80,7 @@ def words(event: Event) -> list[Word]:
     proposals and durations, then the seq of an acknowledged or repeated message."""
     match event:
         case Send(message=m):
-            to = "all" if m.get("dst") is None else _plain(m["dst"])
+            to = "all" if m.get("dst") is None else plain(m["dst"])
             return [Word(str(m["type"])), _id(f"->{to}"), *_content(m)]
         case Receive(rejected=str(reason)):
             return [Word("<- rejected"), _id(_sender(event)), Word(reason)]
@@ -88,7 +88,7 @@ def words(event: Event) -> list[Word]:
             size = len(base64.b64decode(raw or ""))
             return [*_kept(f"<- no message, {size} bytes"), _id(_sender(event))]
         case Receive(message=m) if m is not None:
-            src = _plain(m.get("src", "?"))
+            src = plain(m.get("src", "?"))
             return [Word(f"<- {m['type']}"), _id(src), *_content(m)]
         case TimerArm(timer=timer):
             return [Word("arm"), *_timer(timer), _id(f"+{event.deadline - event.t_ms}")]
@@ -136,7 +136,7 @@ def session_of(event: Event) -> tuple[int, int] | None:
     return session_in(value)
 
 
-def _plain(value: object) -> str:
+def plain(value: object) -> str:
     """A field value as text; it may have any type, because a log may contain malformed messages."""
     if (session := session_in(value)) is not None:
         return f"{session[0]}/{session[1]}"
@@ -150,20 +150,20 @@ def _content(m: Fields) -> Iterator[Word]:
     if "accepted" in m:
         yield Word("accepts" if m["accepted"] is True else "refuses")
     if "reason" in m:
-        yield Word(f"({_plain(m['reason'])})")
+        yield Word(f"({plain(m['reason'])})")
     if "proposal" in m:
-        yield _id(f"p{_plain(m['proposal'])}")
+        yield _id(f"p{plain(m['proposal'])}")
     of = m.get("of")
     if isinstance(of, dict):
-        acknowledged = _plain(of.get("type", "?"))
+        acknowledged = plain(of.get("type", "?"))
         yield Word("of")
-        yield Word(f"{acknowledged}#{_plain(of.get('seq', '?'))}", (acknowledged,), 2)
+        yield Word(f"{acknowledged}#{plain(of.get('seq', '?'))}", (acknowledged,), 2)
     if m["type"] == "CAM":
         marks = m.get("marks")
-        yield from (Word(_plain(mark)) for mark in marks) if isinstance(marks, list) else ()
+        yield from (Word(plain(mark)) for mark in marks) if isinstance(marks, list) else ()
     if "session" in m:
-        seq = f"#{_plain(m.get('seq', '?'))}"
-        yield Word(f"{_plain(m['session'])}{seq}", (seq, ""))
+        seq = f"#{plain(m.get('seq', '?'))}"
+        yield Word(f"{plain(m['session'])}{seq}", (seq, ""))
 
 
 def _timer(timer: Timer) -> Iterator[Word]:
@@ -182,7 +182,7 @@ _SHOWN_FIELDS = ("reason", "target", "station", "proposal", "session")
 def _fields(fields: Fields) -> Iterator[Word]:
     for name in _SHOWN_FIELDS:
         if name in fields:
-            text = _plain(fields[name])
+            text = plain(fields[name])
             if name == "reason":
                 yield Word(f"({text})")
             else:

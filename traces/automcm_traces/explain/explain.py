@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pydantic_core import to_json
 
-from automcm_spec.log_format.event_text import starts
+from automcm_spec.log_format.event_text import plain, starts
 from automcm_spec.log_format.log import OF_MESSAGE, OF_TIMER, Event, Header, Receive, Send, Timer
 from automcm_spec.log_format.reader import Log, LogStream
 from automcm_spec.support import files
@@ -62,7 +62,7 @@ class OwnSession:
     """The rule that ended it."""
 
     def __str__(self) -> str:
-        name = f"session {self.session[0]}/{self.session[1]} as {self.role}"
+        name = f"session {plain(self.session)} as {self.role}"
         way = " > ".join(self.phases)
         if not self.last:
             return f"{name}, from line {self.first}: {way}, still in it"

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from itertools import chain
 
+from automcm_spec.log_format.event_text import plain
 from automcm_spec.log_format.log import Send, TimerArm, TimerEnd
 from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.messages import RELIABLE
@@ -145,8 +146,9 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Ch
             over = world.elapsed(p, last, line.station, m.t_ms)
             if begun is None or over is None:
                 return None, f"{where}: the clocks of {p} and {line.station} cannot be compared"
+            text = f"{where}: station {p} still advertises {plain(period.session)}"
             if begun.low > 0 and over.high < 0:
-                return False, f"{where}: station {p} still advertises {period.session}"
+                return False, text
             if period.end is None and over.high >= 0:
-                return None, f"{where}: station {p} advertises {period.session} where its log ends"
+                return None, f"{text} where its log ends"
     return True, where

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
+from automcm_spec.log_format.event_text import plain
 from automcm_spec.log_format.log import Receive
 from automcm_spec.support.bad_input import printable
 from automcm_spec.vocabulary.parameters import DEFAULTS
@@ -95,7 +96,7 @@ class Hazard:
         if self.begun_by:
             kind = "hazard (forged message)"
         lines = [
-            f"{kind}, session {self.session[0]}/{self.session[1]}: {length}",
+            f"{kind}, session {plain(self.session)}: {length}",
             f"  from  {since}: {self.fault}",
             *([f"  begun by forged {self.begun_by}"] if self.begun_by else []),
             *([f"  prolonged by forged {self.prolonged_by}"] if self.prolonged_by else []),
@@ -119,7 +120,7 @@ def hazard(world: World, acts: Period) -> Hazard | None:
     target, session = acts.start.target, acts.session
     assert session is not None, "a station that acts is bound"
     if target not in world.timelines:
-        raise CannotJudge(f"no log of station {target}, the target of {session[0]}/{session[1]}")
+        raise CannotJudge(f"no log of station {target}, the target of {plain(session)}")
     return _Acting(world, acts, session).hazard()
 
 
@@ -344,12 +345,9 @@ class _Acting:
             yield f"no CAM of station {target} counted"
 
     def _cams(self) -> list[Moment]:
-        """The CAMs of the target that counted in the session (ACT-5) before the prescriber
-        left."""
-        end = self._acts.end
-        counted = (m for m in self._own.moments if m.cause == "receive CAM")
-        before = (m for m in counted if end is None or m.at < end.at)
-        return [m for m in before if m.session == self._session]
+        """The CAMs of the target that counted in the session (ACT-5)."""
+        inside = (m for m in self._own.moments if m.session == self._session)
+        return [m for m in inside if m.cause == "receive CAM"]
 
 
 def _count(

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field, fields
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Literal
 
+from automcm_spec.log_format.event_text import plain
 from automcm_spec.log_format.reader import Log
 from automcm_spec.support.bad_input import printable
 from automcm_traces.system import duration_properties
@@ -77,7 +78,7 @@ class Stay:
     def text(self, start_ms: int = 0) -> str:
         """One line. ``start_ms`` is the time that counts as 0."""
         start, end = self.period.start, self.period.end
-        text = f"{self.session[0]}/{self.session[1]}: station {self.period.station} as {start.role}"
+        text = f"{plain(self.session)}: station {self.period.station} as {start.role}"
         text = f"{text} from {self.file}:{start.line} ({start.t_ms - start_ms} ms)"
         if end is not None:
             text = f"{text} to {self.file}:{end.line} ({end.t_ms - start_ms} ms)"
@@ -244,8 +245,8 @@ def one_session(lines: Iterable[Timeline]) -> Iterator[Checked]:
     """S-1: a station changes from one session to another only through STANDALONE."""
     for line, a, b in _pairs(lines):
         if a.session is not None and b.session is not None:
-            text = f"{line.where(b)}: from session {a.session} to {b.session} at {b.cause}"
-            yield a.session == b.session, text
+            text = f"from session {plain(a.session)} to {plain(b.session)} at {b.cause}"
+            yield a.session == b.session, f"{line.where(b)}: {text}"
 
 
 def commitment(lines: Iterable[Timeline]) -> Iterator[Checked]:
@@ -257,7 +258,8 @@ def commitment(lines: Iterable[Timeline]) -> Iterator[Checked]:
         over = b.cause in ("receive Fin", "receive Cancel") and b.about == a.session
         over = over and a.session is not None and b.src == a.session[0]
         left = b.phase == "STANDALONE" and (over or b.cause in ENDS)
-        yield kept or left, f"{line.where(b)}: the commitment to {a.session} ends by {b.cause}"
+        text = f"the commitment to {plain(a.session)} ends by {b.cause}"
+        yield kept or left, f"{line.where(b)}: {text}"
 
 
 def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Checked]:
@@ -265,7 +267,8 @@ def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Checked]:
     for line, a, b in _pairs(lines):
         foreign = a.session is not None and b.about is not None and b.about != a.session
         if foreign and b.cause.startswith("receive"):
-            yield a.own == b.own, f"{line.where(b)}: {b.cause} of session {b.about} has an effect"
+            text = f"{b.cause} of session {plain(b.about)} has an effect"
+            yield a.own == b.own, f"{line.where(b)}: {text}"
 
 
 def accepted(world: World) -> Iterator[Checked]:
@@ -318,8 +321,8 @@ def agreement(world: World) -> Iterator[Checked]:
             continue
         apart = world.apart(a, b)
         where = world.timelines[a.station].where(a.start)
-        text = f"{where}: acts in {a.session} with proposal {a.start.proposal}, and so does station"
-        text = f"{text} {b.station} as {b.start.role} with proposal {b.start.proposal}"
+        text = f"{where}: acts in {plain(a.session)} with proposal {a.start.proposal}, and so does"
+        text = f"{text} station {b.station} as {b.start.role} with proposal {b.start.proposal}"
         yield apart, text if apart is False else f"{text}; {SAME_TIME}"
 
 

@@ -12,7 +12,7 @@ from merged_runs import Drop, Run, killed, later, plain, records, rewritten, wit
 
 from automcm_spec.log_format.log import Send
 from automcm_spec.log_format.reader import Log, read
-from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.application import Abort, Close
 from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
 from automcm_traces.system.hazards import Hazard
 from automcm_traces.system.hazards import hazard as hazard_of
@@ -229,6 +229,7 @@ def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None
 def test_act_5_an_old_cam_does_not_count(tmp_path: Path) -> None:
     run = aborted(tmp_path)
     cam_of_2(run, CUT + 1000, 1)
+    run.simulation.command(1, Close(session=(1, 1)), at=CUT + 900)  # is refused
     (hazard,) = judge(run.logs()).hazards
     line = int(hazard.between[-1].rpartition(":")[2])
     assert dict(run.logs()[0].events)[line].t_ms < CUT + 200

@@ -113,7 +113,7 @@ def test_s_4_two_receivers_act_in_one_session(tmp_path: Path) -> None:
     heard(run, 3, prescription(3, proposal=2), at=3000)
     report = judge(run.logs())
     assert "S-4" in broken(report)
-    assert "acts in (1, 1) with proposal 1" in judged(report, "S-4")
+    assert "acts in 1/1 with proposal 1" in judged(report, "S-4")
 
 
 def test_s_4_one_after_the_other_is_no_breach(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_adv_8_unequal_parameters_make_a_station_join_a_session_twice(tmp_path: 
     simulation.request(1, at=500)
     simulation.run(until=12_000)
     report = judge([read(tmp_path / f"{n}.ndjson") for n in (1, 2)])
-    assert "T-5" in broken(report) and "still advertises" in judged(report, "T-5")
+    assert "T-5" in broken(report) and "still advertises 1/1" in judged(report, "T-5")
     assert sum(text.startswith("1/1: station 2") for text in report.as_dict()["sessions"]) == 3
     for differs in ("t_advertise differs (", "t_giveup differs (8100 at 1, 600 at 2)"):
         assert any(differs in note for note in report.notices)
