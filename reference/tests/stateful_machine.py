@@ -12,17 +12,7 @@ from stateful_oracle import LEASES
 from stateful_surroundings import LOST, SOME, STATION, Surroundings, nth, step
 from stateful_world import trajectory
 
-from automcm_spec.vocabulary.application import (
-    Abort,
-    Accept,
-    Close,
-    Command,
-    Complete,
-    Prescribe,
-    Proceed,
-    Refuse,
-    Request,
-)
+from automcm_spec.vocabulary import application
 
 UPTO = ("CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING", "DECIDING")
 """DECIDING: about the next proposal, or ACTUATING if there is none."""
@@ -38,7 +28,7 @@ class Coordination(Surroundings):
     def request(self, s: int) -> None:
         up = self.world.up()
         if up:
-            self.world.command(nth(up, s), Request(scenario="lane_change", details={}))
+            self.world.command(nth(up, s), application.Request(scenario="lane_change", details={}))
 
     def choosing(self) -> list[int]:
         world = self.world
@@ -48,7 +38,9 @@ class Coordination(Surroundings):
     def verifying(self) -> list[int]:
         return self.world.at("receiver", "NEGOTIATING")
 
-    def _say(self, s: int, command: type[Proceed | Complete | Abort]) -> None:
+    def _say(
+        self, s: int, command: type[application.Proceed | application.Complete | application.Abort]
+    ) -> None:
         """Of the session that it is in."""
         session = self.world.state(s).session
         assert session is not None
@@ -58,7 +50,7 @@ class Coordination(Surroundings):
         x = self.world.state(s)
         assert x.session is not None
         targets = sorted(x.recorded) or [x.target]
-        command = Prescribe(
+        command = application.Prescribe(
             session=x.session,
             proposal=x.proposal + 1,
             target=nth(targets, to),
@@ -76,12 +68,16 @@ class Coordination(Surroundings):
     @precondition(choosing)
     @step(s=STATION)
     def proceed(self, s: int) -> None:
-        self._say(nth(self.choosing(), s), Proceed)
+        self._say(nth(self.choosing(), s), application.Proceed)
 
     def _verdict(self, s: int, refused: bool) -> None:
         m = self.world.asked[s]
         which: Any = {"session": m.session, "proposal": m.proposal}
-        command = Refuse(**which) if refused else Accept(**which, selected=m.prescribed)
+        command = (
+            application.Refuse(**which)
+            if refused
+            else application.Accept(**which, selected=m.prescribed)
+        )
         self.world.command(s, command)
 
     @precondition(verifying)
@@ -92,12 +88,12 @@ class Coordination(Surroundings):
     @precondition(Surroundings.acting)
     @step(s=STATION)
     def complete(self, s: int) -> None:
-        self._say(nth(self.acting(), s), Complete)
+        self._say(nth(self.acting(), s), application.Complete)
 
     @precondition(Surroundings.bound)
     @step(s=STATION)
     def abort(self, s: int) -> None:
-        self._say(nth(self.bound(), s), Abort)
+        self._say(nth(self.bound(), s), application.Abort)
 
     @step(s=STATION, name=st.sampled_from(NAMES), what=st.integers(0, 3))
     def untimely(self, s: int, name: str, what: int) -> None:
@@ -129,13 +125,13 @@ class Coordination(Surroundings):
         wrong = what == 2
         prescribed = trajectory(1)
         which: Any = {"session": session, "proposal": max(1, x.proposal + wrong)}
-        command: Command
+        command: application.Command
         match name:
             case "prescribe":
                 targets = [q for q in self.world.ids if q not in (x.target, *x.recorded)]
                 targets = sorted(targets, key=lambda q: q != s)  # itself first
                 others = [q for q in self.world.ids if q != s]
-                command = Prescribe(
+                command = application.Prescribe(
                     session=session,
                     proposal=x.proposal + 1 + wrong,
                     target=targets[0] if what == 3 and targets else (x.target or others[0]),
@@ -144,18 +140,18 @@ class Coordination(Surroundings):
                     lease_ms=LEASES[0],
                 )
             case "close":
-                command = Close(session=session)
+                command = application.Close(session=session)
             case "proceed":
-                command = Proceed(session=session)
+                command = application.Proceed(session=session)
             case "accept":
                 m = self.world.asked.get(s)
-                command = Accept(**which, selected=m.prescribed if m else prescribed)
+                command = application.Accept(**which, selected=m.prescribed if m else prescribed)
             case "refuse":
-                command = Refuse(**which)
+                command = application.Refuse(**which)
             case "complete":
-                command = Complete(session=session)
+                command = application.Complete(session=session)
             case _:
-                command = Abort(session=session)
+                command = application.Abort(session=session)
         self.world.command(s, command)
 
     def _arrive(self, lost: str, slow: bool) -> None:
@@ -203,7 +199,7 @@ class Coordination(Surroundings):
     def _session(
         self, s: int, upto: str, lease: int, refusals: int = 0, lost: str = "", slow: bool = False
     ) -> None:
-        self.world.command(s, Request(scenario="lane_change", details={}))
+        self.world.command(s, application.Request(scenario="lane_change", details={}))
         for _ in range(16):
             for go_on in (lambda: self._arrive(lost, slow), lambda: self._answer(lease, refusals)):
                 go_on()
@@ -219,10 +215,10 @@ class Coordination(Surroundings):
         """A station opens a session and soon aborts it; nobody hears of that."""
         s = nth(self.at_rest(), s)
         for _ in range(times):
-            self.world.command(s, Request(scenario="lane_change", details={}))
+            self.world.command(s, application.Request(scenario="lane_change", details={}))
             self.world.exchange()
             if self.world.state(s).session is not None:
-                self._say(s, Abort)
+                self._say(s, application.Abort)
 
     def promised(self) -> list[int]:
         return self.world.at("receiver", "INTENDING", "WAITING", "NEGOTIATING", "ACTUATING")
@@ -233,12 +229,12 @@ class Coordination(Surroundings):
         """A receiver breaks off.  That arrives before anything else; or nobody hears of it, and
         it opens a session of its own."""
         s = nth(self.promised(), s)
-        self._say(s, Abort)
+        self._say(s, application.Abort)
         if heard:
             self.world.exchange(backwards=True)
         else:
             self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
-            self.world.command(s, Request(scenario="lane_change", details={}))
+            self.world.command(s, application.Request(scenario="lane_change", details={}))
 
     def committed(self) -> list[int]:
         return self.world.at("receiver", "ACTUATING")
@@ -256,7 +252,7 @@ class Coordination(Surroundings):
         if restart:
             self.world.restart(s)
         else:
-            self._say(s, Abort)
+            self._say(s, application.Abort)
             self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
         rivals = [t for t in self.at_rest() if t != s]
         if rival and rivals:

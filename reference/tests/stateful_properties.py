@@ -12,18 +12,8 @@ from automcm.core.outcome import Expiry, Received, Restart
 from automcm.core.rules import kind
 from automcm.core.state import State, Timer, key
 from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Abort, Accepted
-from automcm_spec.vocabulary.messages import (
-    Ack,
-    Advertisement,
-    Cancel,
-    Fin,
-    Prescription,
-    Reliable,
-    Session,
-    Trajectory,
-    encode,
-)
 from automcm_spec.vocabulary.parameters import longest_session
 
 
@@ -42,17 +32,17 @@ class Properties:
         self.ids = IDS[: setup.stations]
         self.down: set[int] = set()
         # History, as in System.tla and TimedSystem.tla
-        self.asked: dict[int, Prescription] = {}
+        self.asked: dict[int, messages.Prescription] = {}
         """By receiver: the proposals that it must verify."""
-        self.prescribed: dict[tuple[Session, int], Trajectory] = {}
-        self.leases: dict[Session, int] = {}
+        self.prescribed: dict[tuple[messages.Session, int], messages.Trajectory] = {}
+        self.leases: dict[messages.Session, int] = {}
         """The longest lease prescribed in a session."""
-        self.accepted: set[tuple[int, int, Session, int]] = set()
-        self.excused: set[tuple[Session, int]] = set()
-        self.received: dict[tuple[int, int, str, Session, int], bytes] = {}
+        self.accepted: set[tuple[int, int, messages.Session, int]] = set()
+        self.excused: set[tuple[messages.Session, int]] = set()
+        self.received: dict[tuple[int, int, str, messages.Session, int], bytes] = {}
         self.sends: Counter[tuple[int, Any]] = Counter()
         self.bound_since: dict[int, int] = {}
-        self.hazard_since: dict[Session, int] = {}
+        self.hazard_since: dict[messages.Session, int] = {}
         self.longest_hazard = 0
 
     def state(self, s: int) -> State:
@@ -97,7 +87,7 @@ class Properties:
                     lambda: f"{s} in {before.session} was moved by {i.message!r}",
                 )
         for m in effect.messages:
-            if m.seq and not isinstance(m, Advertisement | Ack):
+            if m.seq and not isinstance(m, messages.Advertisement | messages.Ack):
                 by_timer = isinstance(i, Expiry) and i.timer.name == "resend"
                 if by_timer or m not in before.outbox:
                     self.sends[s, key(m)] += 1
@@ -116,8 +106,8 @@ class Properties:
                     lambda a=a: f"{s} was told another trajectory than prescribed: {a!r}",
                 )
 
-    def _was_received(self, s: int, m: Reliable) -> bool:
-        return self.received.get((m.dst, s, m.type, m.session, m.seq)) == encode(m)
+    def _was_received(self, s: int, m: messages.Reliable) -> bool:
+        return self.received.get((m.dst, s, m.type, m.session, m.seq)) == messages.encode(m)
 
     # -- properties of the whole
 
@@ -224,7 +214,7 @@ def _ends_commitment(x: State, i: Any) -> bool:
             return True
         case Expiry(timer):
             return timer.name in ("cam", "lease")
-        case Received(Fin() | Cancel() as m):
+        case Received(messages.Fin() | messages.Cancel() as m):
             return x.session is not None and (m.src, m.session) == (x.session[0], x.session)
     return False
 
@@ -234,5 +224,5 @@ def _own(x: State, before: State) -> State:
     return x._replace(outbox=tuple(m for m in x.outbox if m.session == before.session))
 
 
-def _of(timer: Timer, session: Session | None) -> bool:
+def _of(timer: Timer, session: messages.Session | None) -> bool:
     return timer.entry is None or timer.entry.session == session

@@ -14,15 +14,8 @@ from automcm.core.phases import WAYS
 from automcm.core.rules import RULES
 from automcm.core.state import State
 from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Abort, Command, Verify
-from automcm_spec.vocabulary.messages import (
-    Acceptance,
-    Advertisement,
-    Cam,
-    Prescription,
-    Trajectory,
-    encode,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +82,7 @@ class World(Properties):
             for name, rows in rules.items()
         }
 
-    def _plan(self, advertisement: Advertisement) -> Trajectory | None:
+    def _plan(self, advertisement: messages.Advertisement) -> messages.Trajectory | None:
         return trajectory(7) if self.concerned else None
 
     def up(self) -> list[int]:
@@ -130,8 +123,8 @@ class World(Properties):
         self.down.discard(s)
         self._take(s, effects)
 
-    def send_cam(self, s: int) -> Cam:
-        cam = Cam(
+    def send_cam(self, s: int) -> messages.Cam:
+        cam = messages.Cam(
             src=s,
             generation_ms=self.now,
             x_mm=0,
@@ -146,7 +139,7 @@ class World(Properties):
 
     def fly_cam(self, s: int) -> None:
         """A CAM to everybody else."""
-        data = encode(self.send_cam(s))
+        data = messages.encode(self.send_cam(s))
         self.flight += [Copy(t, data, self.now, "CAM") for t in self.ids if t != s]
 
     def next_deadline(self) -> int | None:
@@ -213,12 +206,12 @@ class World(Properties):
     def _history(self, s: int, before: State, effect: Effects) -> None:
         i, state = effect.input, effect.state
         for m in effect.messages:
-            data = encode(m)
+            data = messages.encode(m)
             to = [m.dst] if m.dst else [t for t in self.ids if t != s]
             self.flight += [Copy(t, data, self.now, m.type) for t in to if t in self.stations]
-            if isinstance(m, Acceptance) and m.accepted:
+            if isinstance(m, messages.Acceptance) and m.accepted:
                 self.accepted.add((s, m.dst, m.session, m.proposal))
-            if isinstance(m, Prescription):
+            if isinstance(m, messages.Prescription):
                 self.prescribed.setdefault((m.session, m.proposal), m.prescribed)
                 self.leases[m.session] = max(self.leases.get(m.session, 0), m.lease_ms)
         for told in effect.indications:
@@ -233,12 +226,12 @@ class World(Properties):
             self.excused.add((before.session, s))
         if isinstance(i, Received) and i.message.seq and i.message.dst == s:
             m = i.message
-            self.received[s, m.src, m.type, m.session, m.seq] = encode(m)
+            self.received[s, m.src, m.type, m.session, m.seq] = messages.encode(m)
         if state.bound and state.session != before.session:
             self.bound_since[s] = self.now
         elif not state.bound:
             self.bound_since.pop(s, None)
 
 
-def trajectory(k: int) -> Trajectory:
-    return Trajectory(t0=0, points=((0, 0, 0), (1000, 1000 + k, 0)))
+def trajectory(k: int) -> messages.Trajectory:
+    return messages.Trajectory(t0=0, points=((0, 0, 0), (1000, 1000 + k, 0)))

@@ -60,7 +60,8 @@ def explain(
     written: list[dict[str, str]] = []
     errors, reports = [], []
     for verdict, log in zip(verdicts, logs, strict=True):
-        written.append(_prefix(verdict, log, out, written))
+        before = [Path(one["prefix"]) for one in written if one]
+        written.append(_prefix(verdict, log, out, [*logs, *before]))
         kinds = lint_.kinds_of_error(log) if verdict.verdict == "unreadable" else []
         errors.append(kinds)
         findings = [kind.as_dict() for kind in kinds[: lint_.FIRST]]
@@ -80,17 +81,16 @@ def explain(
     raise typer.Exit(explain_.exit_code(verdicts, system))
 
 
-def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
+def _prefix(verdict: Verdict, log: Path, out: Path, taken: list[Path]) -> dict[str, str]:
     """Write the failing prefix of a log that diverges; its path and the command that replays it.
 
-    ``before`` holds the earlier results, whose files are not overwritten.
+    Files in ``taken`` are not overwritten.
     """
     from automcm_traces.explain.explain import prefix, replay
 
     if verdict.verdict != "diverges" or not verdict.seen:
         return {}
     try:
-        taken = {Path(other["prefix"]) for other in before if other}
         path = prefix(verdict, out, taken, log)
     except OSError as error:
         say(f"explain: the failing prefix could not be written: {error}", err=True)

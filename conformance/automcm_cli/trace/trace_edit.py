@@ -4,7 +4,7 @@ converts logs and counterexamples for other tools."""
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -173,7 +173,7 @@ def itf(
     if file.is_dir():
         say(f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True)
         raise typer.Exit(3)
-    make = _itf_of if file.suffix == ".ndjson" else _logs_of
+    make = _logs_of if file.name.endswith(".json") else _itf_of
     _write("itf", lambda: make(file), out, json_, read=[file])
 
 
@@ -221,8 +221,6 @@ def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[
     from automcm_traces.system.log_merge import merge
 
     if to == "itf":
-        if len({path.stem for path in paths}) < len(paths):
-            raise typer.BadParameter("two logs have the same file name; export each separately")
         return _itf_of(*paths)
     if to == "svg":
         merged = merge([read(path) for path in paths])
@@ -230,12 +228,22 @@ def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[
     if to == "mcap":
         return {f"{paths[0].stem}.mcap": mcap_file.written(paths)}
     if to == "logs":
-        return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
+        return _by_name(each for path in paths for each in mcap_file.logs(path).items())
     together = Logs(paths)
     for warning in together.warnings:
         say(f"export: warning: {warning}", err=True)
     lines = [*diagram(together.rows(), together.stations, unfold=unfold), ""]
     return {f"{paths[0].stem}.mmd": "\n".join(lines).encode()}
+
+
+def _by_name(contents: Iterable[tuple[str, bytes]]) -> dict[str, bytes]:
+    """Raises typer.BadParameter if two have the same name."""
+    found: dict[str, bytes] = {}
+    for name, data in contents:
+        if name in found:
+            raise typer.BadParameter(f"two results are named {name}; export each file separately")
+        found[name] = data
+    return found
 
 
 def _logs_of(counterexample: Path) -> dict[str, bytes]:
@@ -254,4 +262,5 @@ def _itf_of(*paths: Path) -> dict[str, bytes]:
     arrows: dict[Path, list[tuple[int, Arrow]]] = {path: [] for path in paths}
     for path, row in arrow_rows(paths):
         arrows[path] += [(row.line, arrow) for arrow in row.arrows]
-    return {f"{p.stem}.itf.json": from_log(log, arrows[p]).encode() for p, log in logs.items()}
+    texts = ((f"{p.stem}.itf.json", from_log(log, arrows[p])) for p, log in logs.items())
+    return _by_name((name, text.encode()) for name, text in texts)

@@ -11,7 +11,7 @@ import typer
 
 from automcm_cli.shared.common import Json, Late, code_3, say, two_numbers, write_json
 from automcm_cli.trace.trace_edit import station_pairs
-from automcm_cli.trace.trace_logs import files_of
+from automcm_cli.trace.trace_logs import files_of, refuse_given
 from automcm_spec.support import files, scratch
 from automcm_spec.support.bad_input import BadInput, SpooledInput
 
@@ -84,6 +84,8 @@ def html(
     if part and compare:
         raise typer.BadParameter("a part cannot be combined with --compare", param_hint="--compare")
     logs, other = (files_of("html", paths, out, json_) for paths in (logs, compare or []))
+    for path in filter(None, (out, json_)):
+        refuse_given(path, filter(None, [traffic]))
     with code_3("html", BadInput, OSError, PageError):
         page = page_of(logs, late, other, pairs, part)
         page.traffic = traffic

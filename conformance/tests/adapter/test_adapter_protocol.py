@@ -16,16 +16,9 @@ from pydantic import ValidationError
 from automcm.adapters import adapter_lines
 from automcm_conformance.adapter import adapter_schema, protocol
 from automcm_conformance.adapter.process import Process
-from automcm_spec.vocabulary import application
+from automcm_spec.vocabulary import application, messages
 from automcm_spec.vocabulary.application import Phase, Role, names
 from automcm_spec.vocabulary.json_schema import text
-from automcm_spec.vocabulary.messages import (
-    Acceptance,
-    Intention,
-    Prescription,
-    Trajectory,
-    to_dict,
-)
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_spec.vocabulary.station import Station
 
@@ -249,12 +242,12 @@ def test_the_page_has_the_same_indications() -> None:
 
 
 def test_what_an_indication_is_on_a_line_and_in_a_log() -> None:
-    path, ids = Trajectory.model_validate(PATH), {"src": 8, "dst": 7, "session": (7, 1)}
+    path, ids = messages.Trajectory.model_validate(PATH), {"src": 8, "dst": 7, "session": (7, 1)}
     session, one = {"session": (7, 1)}, {"session": (7, 1), "proposal": 1}
-    intention = Intention(**ids, seq=1, planned=path)
+    intention = messages.Intention(**ids, seq=1, planned=path)
     other = intention.model_copy(update={"src": 9})
-    asked = Prescription(**ids, seq=1, proposal=1, prescribed=path, hold_ms=0, lease_ms=1)
-    yes = Acceptance(**ids, seq=1, proposal=1, accepted=True, selected=path)
+    asked = messages.Prescription(**ids, seq=1, proposal=1, prescribed=path, hold_ms=0, lease_ms=1)
+    yes = messages.Acceptance(**ids, seq=1, proposal=1, accepted=True, selected=path)
     told = [
         application.Choose(**session, intentions=(other, intention)),
         application.NoParticipants(**session),
@@ -274,8 +267,8 @@ def test_what_an_indication_is_on_a_line_and_in_a_log() -> None:
     assert lines == [without(line, "rule", "detail") for line in TOLD]
     assert told[8].as_dict() == {"name": "refused", "detail": "abort"}
     whole = {"name": "accepted", "session": [7, 1], "proposal": 1, "lease_left_ms": 5}
-    assert told[4].as_dict() == whole | {"acceptance": to_dict(yes)}
-    assert told[0].as_dict()["intentions"] == [to_dict(other), to_dict(intention)]
+    assert told[4].as_dict() == whole | {"acceptance": messages.to_dict(yes)}
+    assert told[0].as_dict()["intentions"] == [messages.to_dict(other), messages.to_dict(intention)]
 
 
 def test_phases_and_roles_are_those_of_the_specification() -> None:

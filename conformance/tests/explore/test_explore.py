@@ -12,15 +12,8 @@ from cli_stage import automcm
 from wrong_station import station
 
 from automcm_conformance.adapter.adapter import Adapter
-from automcm_conformance.exchange import records
+from automcm_conformance.exchange import records, results
 from automcm_conformance.exchange.exchange import Mismatch
-from automcm_conformance.exchange.results import (
-    EXPLORED,
-    KEPT,
-    NONDETERMINISTIC,
-    UNCONFIRMED,
-    Exploration,
-)
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walk_shrinking import FailingWalk, Shrinker
 from automcm_spec.graph.oracle import Oracle
@@ -101,11 +94,11 @@ WRONG = {
         *(100, "FAIL", "deadline", 20),
     ),
     "one Fin of all is not acked": Wrong(
-        COUNTS.format(counted=FIN, when="count == 9"), 200, "ERROR", NONDETERMINISTIC, 999
+        COUNTS.format(counted=FIN, when="count == 9"), 200, "ERROR", results.NONDETERMINISTIC, 999
     ),
     "after some resets no Fin is acked": Wrong(
         COUNTS.format(counted='command["cmd"] == "reset"', when="count > 7"),
-        *(60, "ERROR", KEPT, 999),
+        *(60, "ERROR", results.KEPT, 999),
     ),
     "crashes": Wrong(
         WHEN.format(
@@ -145,7 +138,7 @@ def read_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def explored(
     code: str, folder: Path, walks: int, *, seed: int = 1, enough: int = 1, limit_s: float = LIMIT_S
-) -> Exploration:
+) -> results.Exploration:
     return explore.explore(
         station(code),
         folder,
@@ -188,7 +181,7 @@ def test_a_station_without_durations_is_walked_in_natural_time(tmp_path: Path) -
     assert found.coverage["two-peers"]["transitions"][0] > 100
 
 
-def replays(found: Exploration, folder: Path, code: str) -> None:
+def replays(found: results.Exploration, folder: Path, code: str) -> None:
     """The replay of the first failure goes wrong at its last line."""
     (failure,) = found.cases[0].failures
     about, steps = records.read_replay(folder / failure.replay)
@@ -213,8 +206,8 @@ def test_what_is_wrong_is_found_shortened_and_kept(how: str, tmp_path: Path) -> 
     told = [*case.rules, case.reason, *(line for each in case.failures for line in each.came)]
     assert any(wrong.says in text for text in told), told
     assert found.acts[case.id] <= wrong.acts and found.problems == []
-    assert case.reason.startswith(tuple(UNCONFIRMED)) == (wrong.says in UNCONFIRMED)
-    if wrong.says in UNCONFIRMED or wrong.verdict == "FAIL":
+    assert case.reason.startswith(tuple(results.UNCONFIRMED)) == (wrong.says in results.UNCONFIRMED)
+    if wrong.says in results.UNCONFIRMED or wrong.verdict == "FAIL":
         assert (tmp_path / case.log).stat().st_size > 0
     if wrong.verdict == "FAIL":
         replays(found, tmp_path, wrong.code)
@@ -261,7 +254,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "ACT-3" in result.output and "automcm conform replay" in result.output
     report = json.loads((tmp_path / "exploration.json").read_text())
-    assert report["format"] == EXPLORED and len(report["cases"]) == 1
+    assert report["format"] == results.EXPLORED and len(report["cases"]) == 1
     none = tmp_path / "none"
     assert automcm("conform", "explore", "1", "--out", none, "--", "no-such-thing").exit_code == 3
     assert not none.exists()

@@ -12,21 +12,8 @@ from automcm_conformance.exchange.play import play
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walks import NOTHING, Act, Faults, Setting, WalkCoverage, perform
 from automcm_conformance.live.live import Unwritten
+from automcm_conformance.suite import scripts
 from automcm_conformance.suite.graph_cases import PARAMETERS, Runner
-from automcm_conformance.suite.scripts import (
-    ABORT,
-    ADVERTISED,
-    LEAVE,
-    MINE,
-    NEXT,
-    REQUEST,
-    THEIRS,
-    WINDOW,
-    command,
-    entry,
-    expire,
-    received,
-)
 from automcm_spec.graph.oracle_generation import ONE_PEER, TWO_PEERS
 
 LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
@@ -35,21 +22,21 @@ LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_lim
 @pytest.mark.slow
 def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
     # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
-    closed = received("Cancel", NEXT)
+    closed = scripts.received("Cancel", scripts.NEXT)
     message = closed.message._replace(seq=0, reason="closed")
     tour = [
-        ADVERTISED,
-        LEAVE,
-        received("Advertisement", NEXT),
+        scripts.ADVERTISED,
+        scripts.LEAVE,
+        scripts.received("Advertisement", scripts.NEXT),
         closed._replace(message=message),
-        REQUEST,
-        received("Intention", MINE),
-        received("Intention", MINE, source=3),
-        ABORT,
-        expire("giveup", entry("Cancel", 2, MINE)),
-        received("Ack", THEIRS, of=("Cancel", 1)),
-        expire("forget", 2),
-        expire("giveup", entry("Cancel", 3, MINE)),
+        scripts.REQUEST,
+        scripts.received("Intention", scripts.MINE),
+        scripts.received("Intention", scripts.MINE, source=3),
+        scripts.ABORT,
+        scripts.expire("giveup", scripts.entry("Cancel", 2, scripts.MINE)),
+        scripts.received("Ack", scripts.THEIRS, of=("Cancel", 1)),
+        scripts.expire("forget", 2),
+        scripts.expire("giveup", scripts.entry("Cancel", 3, scripts.MINE)),
     ]
     oracle = graph(TWO_PEERS.path)
     adapter = Adapter(station(), LIMIT)
@@ -66,7 +53,7 @@ def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
 def test_in_natural_time_each_timer_expires_when_it_is_due() -> None:
     oracle = graph(ONE_PEER.path)
     x = Exchange(oracle, Unwritten(), PARAMETERS, predict=True, logged=False)
-    for pause_ms, i in ((10, oracle.input_index[REQUEST]), (250, NOTHING)):
+    for pause_ms, i in ((10, oracle.input_index[scripts.REQUEST]), (250, NOTHING)):
         perform(x, Act(pause_ms, i), Setting(False))
     assert [step.now - x.now for step in x.unwritten_steps[-3:]] == [-150, -50, 0]
 
@@ -82,9 +69,17 @@ def test_a_case_says_what_it_was_played_with() -> None:
 def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
     two = graph(TWO_PEERS.path)
-    intentions = [received("Intention", MINE, source=p) for p in (2, 3)]
-    resends = [expire("resend", entry(*to, MINE)) for to in (("Cancel", 2), ("Prescription", 3))]
-    values = [REQUEST, *intentions, WINDOW, command("prescribe", MINE, 1, 3)]
+    intentions = [scripts.received("Intention", scripts.MINE, source=p) for p in (2, 3)]
+    resends = [
+        scripts.expire("resend", scripts.entry(*to, scripts.MINE))
+        for to in (("Cancel", 2), ("Prescription", 3))
+    ]
+    values = [
+        scripts.REQUEST,
+        *intentions,
+        scripts.WINDOW,
+        scripts.command("prescribe", scripts.MINE, 1, 3),
+    ]
     copy = intentions[0]
     tour = [two.input_index[v] for v in (*values, resends[1], copy, resends[0], copy)]
     right = Adapter(station(), LIMIT)

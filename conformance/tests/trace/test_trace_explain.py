@@ -34,7 +34,7 @@ def test_a_divergence_is_exit_1_and_leaves_its_prefix(wrong: Path, tmp_path: Pat
     asked = {"verdict", "file", "line", "event", "rule", "expected", "guard", "possible_states"}
     assert asked <= told.keys()
     assert (told["verdict"], told["rule"]) == ("diverges", "NEG-2")
-    assert "OnAccept" in told["guard"] and told["possible_states"] == 1
+    assert "OnAccept" in told["guard"] and told["possible_states"] == 1 and told["of_last_input"]
     prefix = Path(told["prefix"])
     assert prefix.parent == tmp_path / "out" and told["replay"].startswith("automcm trace replay")
     assert explained(prefix, "--out", tmp_path / "out")[1]["line"] == told["line"]
@@ -65,6 +65,14 @@ def test_logs_of_one_name_leave_a_prefix_each(wrong: Path, tmp_path: Path) -> No
     logs = explained(wrong, other, "--out", tmp_path / "out")[1]["logs"]
     runs = [json.loads(Path(log["prefix"]).read_text().splitlines()[0])["run"] for log in logs]
     assert len(set(runs)) == 2
+
+
+def test_a_prefix_does_not_overwrite_a_log_that_is_given(wrong: Path, tmp_path: Path) -> None:
+    (log,) = explained(wrong, wrong, "--out", tmp_path)[1]["logs"][:1]
+    given = Path(log["prefix"])
+    given.write_bytes(Path(LOGS[0]).read_bytes())
+    explained(wrong, given, "--out", tmp_path / "." / ".." / tmp_path.name)
+    assert given.read_bytes() == Path(LOGS[0]).read_bytes()
 
 
 def test_several_logs_are_judged_together() -> None:

@@ -43,6 +43,14 @@ def test_logs_that_cannot_be_shown_are_named_in_one_line(tmp_path: Path) -> None
         assert code == 3 and words in err and err.count("\n") == 1
 
 
+def test_the_page_does_not_overwrite_the_traffic(tmp_path: Path) -> None:
+    traffic = tmp_path / "t.json"
+    traffic.write_text("{}")
+    for options in (["--out", traffic], ["--out", tmp_path / "p.html", "--json", traffic]):
+        run = automcm("trace", "html", CORPUS / "pair", "--traffic", traffic, *options)
+        assert run.exit_code == 2 and traffic.read_text() == "{}"
+
+
 def test_two_runs_are_compared(tmp_path: Path) -> None:
     out, pair = tmp_path / "page.html", CORPUS / "pair"
     good, bad = str(CORPUS / "four-vehicles"), str(pair)

@@ -7,22 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from automcm_evaluation.radio import radio_tables
-from automcm_evaluation.radio.radio_traffic import (
-    FourLanes,
-    Measured,
-    measured,
-    ns3_measured,
-    pooled,
-    positions,
-)
+from automcm_evaluation.radio import radio_tables, radio_traffic
 from automcm_simulation.radio import propagation
 from automcm_simulation.radio.propagation import OfferedLoad, Propagation, path_loss_db
 from automcm_simulation.radio.radio import LARGEST_BYTES, Arrival
 from automcm_simulation.radio.table_radio import TableRadio, committed
 
 NEAR = {1: (0.0, 0.0), 2: (25.0, 0.0), 3: (5000.0, 0.0)}
-MEASURED = {m.traffic.name: m for m in ns3_measured()}
+MEASURED = {m.traffic.name: m for m in radio_traffic.ns3_measured()}
 QUICK = "25 per km"
 FITTED = [m.traffic.name for m in MEASURED.values() if m.traffic.fitted]
 OTHERS = {"75 per km": 3.0, "120 per km, 400 bytes": 5.0, "two jams": 3.0}
@@ -143,7 +135,7 @@ def test_load_makes_the_channel_busy_and_loses_frames() -> None:
     assert busy == sorted(set(busy)) and share == sorted(set(share), reverse=True)
 
 
-def fits(ns3: Measured, table: Measured) -> dict[str, float | None]:
+def fits(ns3: radio_traffic.Measured, table: radio_traffic.Measured) -> dict[str, float | None]:
     arrived = radio_tables.arrivals(ns3, table.rows)
     bands = radio_tables.bursts(ns3, table.rows)
     return {
@@ -153,9 +145,9 @@ def fits(ns3: Measured, table: Measured) -> dict[str, float | None]:
     }
 
 
-def over_table(traffic: FourLanes, seeds: int = 1) -> Measured:
-    parts = [measured(TableRadio(traffic.seed + n), traffic) for n in range(seeds)]
-    return pooled(parts)
+def over_table(traffic: radio_traffic.FourLanes, seeds: int = 1) -> radio_traffic.Measured:
+    parts = [radio_traffic.measured(TableRadio(traffic.seed + n), traffic) for n in range(seeds)]
+    return radio_traffic.pooled(parts)
 
 
 @pytest.mark.slow
@@ -184,7 +176,7 @@ def test_arrivals_fall_with_load_and_distance_in_the_table() -> None:
 
 
 def test_vehicles_stay_on_the_road_and_keep_their_lane() -> None:
-    traffic = FourLanes(name="", per_km=20, seconds=1)
-    for _, places in zip(range(200), positions(traffic), strict=False):
+    traffic = radio_traffic.FourLanes(name="", per_km=20, seconds=1)
+    for _, places in zip(range(200), radio_traffic.positions(traffic), strict=False):
         assert all(0 <= x < traffic.road_m for x, _ in places.values())
     assert len(places) == traffic.vehicles == 24

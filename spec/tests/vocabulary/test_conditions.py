@@ -6,13 +6,7 @@ import pytest
 
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.support.paths import TLA
-from automcm_spec.vocabulary.conditions import (
-    Condition,
-    Evaluated,
-    blocking_conditions,
-    record,
-    recording,
-)
+from automcm_spec.vocabulary import conditions
 from automcm_spec.vocabulary.json_forms import open_station
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import CONDITIONS, Command, Effect, Receive, State, Station
@@ -28,8 +22,8 @@ def advertisement(session: tuple[int, int]) -> Receive:
     return Receive("receive", LIMITS.advertisement(session[0], session), True)
 
 
-def decide(st: State, asked: Receive | Command) -> tuple[Effect, list[Evaluated]]:
-    return record(LIMITS, lambda station: station.decide(ME, st, asked))
+def decide(st: State, asked: Receive | Command) -> tuple[Effect, list[conditions.Evaluated]]:
+    return conditions.record(LIMITS, lambda station: station.decide(ME, st, asked))
 
 
 def test_a_condition_has_its_line_its_text_and_its_values() -> None:
@@ -61,13 +55,13 @@ def test_an_index_is_shown_as_in_tla_and_a_limit_with_its_name() -> None:
 def test_a_recorded_station_decides_as_the_other() -> None:
     tight = oracle.load(oracle_generation.TIGHT.path, oracle_generation.spec_hash())
     station = open_station(tight.constants)
-    met: set[tuple[Condition, bool]] = set()
+    met: set[tuple[conditions.Condition, bool]] = set()
 
-    def hook(condition: Condition, value: bool, values: object) -> bool:
+    def hook(condition: conditions.Condition, value: bool, values: object) -> bool:
         met.add((condition, value))
         return value
 
-    recorded = recording(station, hook)
+    recorded = conditions.recording(station, hook)
     for n in range(0, len(tight.states), 5):
         st = tight.states[n]
         for answer in tight.answers(n):
@@ -102,7 +96,7 @@ def test_the_line_that_decides() -> None:
 def in_way(
     st: State, asked: Receive | Command, wanted: str, most: int = 3
 ) -> list[list[tuple[str, bool]]]:
-    found = blocking_conditions(
+    found = conditions.blocking_conditions(
         LIMITS,
         lambda station: station.decide(ME, st, asked),
         lambda effect: any(m.type == wanted for m in effect.out),
@@ -135,7 +129,7 @@ def test_the_smallest_choices_of_guards_are_found_in_their_order(
 
 def test_parts_are_chosen_from_if_asked_for() -> None:
     """Those of what no guard decides, such as which timers are armed."""
-    found = blocking_conditions(
+    found = conditions.blocking_conditions(
         LIMITS, lambda s: s.armed(ME, INTENDING), lambda armed: ("hold",) in armed, kind="part"
     )
     assert [[t.condition.text for t in choice] for choice in found] == [['st.phase = "WAITING"']]
@@ -146,4 +140,4 @@ def test_a_subclass_is_refused() -> None:
         pass
 
     with pytest.raises(TypeError, match="Other"):
-        recording(Other(1, 1, 1, 1), lambda condition, value, values: value)
+        conditions.recording(Other(1, 1, 1, 1), lambda condition, value, values: value)

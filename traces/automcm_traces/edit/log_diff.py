@@ -166,11 +166,9 @@ def _by_station(given: Sequence[Log]) -> dict[int, Log]:
 
 def _first(paths: Sequence[Path], found: Sequence[StationDiff]) -> int:
     """The station that differs first, in one possible order of A's events."""
-    lines = {
-        one.station: one.difference.a.line if one.difference.a is not None else 0
-        for one in found
-        if one.difference is not None
-    }
+    differ = [(one.station, one.difference) for one in found if one.difference is not None]
+    places = ((station, d.a or d.steps[-1][0].input) for station, d in differ)
+    lines = {station: 0 if at is None else at.line for station, at in places}
     if len(lines) > 1:
         for row in Logs(paths).rows():
             if row.station in lines and row.line >= (lines[row.station] or 10**12):

@@ -147,6 +147,7 @@ class Verdict:
             "rule": found.rule,
             "expected": list(found.expected),
             "guard": found.guard,
+            "of_last_input": found.of_last_input,
             "nearest": found.nearest,
             "allowed_after": list(found.causes),
             "state": found.state,
@@ -446,7 +447,8 @@ def prefix(
     log = Path(verdict.file) if log is None else log
     name = f"{log.stem}-{verdict.finding.at.line}"
     path, n = folder / f"{name}.ndjson", 1
-    while path in taken:
+    others = {other.resolve() for other in taken}
+    while path.resolve() in others:
         n += 1
         path = folder / f"{name}-{n}.ndjson"
     with open(log, "rb") as stream:

@@ -126,15 +126,20 @@ class Watch:
         return [*reports, *self._over()]
 
     def finish(self) -> list[WatchReport]:
-        """End the logs where they are; report their verdicts, and the one on several together."""
+        """End the logs where they are; report their verdicts, of several logs also those on forged
+        messages, and the one on all together."""
         reports = self.advance()
         for log in self.logs:
             log.finish()
         reports += self._over()
         if len(self._paths) > 1:
             found = explain.judged_logs(list(self._paths), self._late_ms)
-            self._together = explain.verdicts_together(found)[1]
-            text = self._together.text(self._start_ms)
+            self.verdicts, self._together = explain.verdicts_together(found)
+            start_ms = self._start_ms
+            for v in self.verdicts:
+                if v.finding.kind == "forged":
+                    reports.append(WatchReport("verdict", explain.text(v, start_ms), v.as_dict()))
+            text = self._together.text(start_ms)
             reports.append(WatchReport("together", text, self._together.as_dict()))
         return reports
 

@@ -56,7 +56,7 @@ const rowOf = (run, file, line) => {
 function verdictOf(run, v) {
   const row = rowOf(run, v.file, v.line);
   const where = v.line ? `${v.file}:${v.line}` : v.file;
-  const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
+  const terms = [["event", v.event], ["expected", v.expected], [v.of_last_input ? "rule" : "last input decided by", v.guard || v.rule],
     ["nearest", v.nearest.replace(/^nearest allowed: /, "")], ["allowed after", v.allowed_after], ["state before", v.state],
     ["rejected", Object.entries(v.rejected).map(([reason, n]) => `${n} ${reason}`)], ["hint", v.hint], ["judged from", v.judged_from ? `line ${v.judged_from}` : ""],
     ["possible states", v.verdict === "allowed" && v.possible_states === 1 ? "" : v.possible_states],
@@ -127,9 +127,9 @@ function linksOf({ system }) {
   const cell = (from, to) => {
     const [, counts] = ways.find(([way]) => way[0] === from && way[1] === to) ?? [];
     if (!counts) return el("td", {}, from === to ? "" : "–");
-    const sent = Object.values(counts).reduce((sum, n) => sum + n, 0), { lost = 0, delivered = 0 } = counts;
+    const sent = Object.values(counts).reduce((sum, n) => sum + n, 0), { lost = 0, delivered = 0, duplicated = 0 } = counts;
     const all = Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ");
-    return el("td", { title: `${from} to ${to}: ${all}` }, `${delivered}/${sent}`,
+    return el("td", { title: `${from} to ${to}: ${all}` }, `${delivered + duplicated}/${sent}`,
       lost ? el("div", { class: "lost" }, `${lost} lost`) : "");
   };
   const part = folded("Links: received of sent", ways.some(([, counts]) => counts.lost), el("table", { class: "links" },

@@ -78,7 +78,7 @@ function savePng(name) {
 /** A log up to and with a row, as a log of its own. */
 function prefixText(log, row) {
   const kept = rowsOf[log].filter((one) => one <= row), { header, before } = LOGS[log];
-  const lines = [header];
+  const lines = [before ? { ...header, begins: "running" } : header];
   kept.forEach((one, n) => lines.push({ ...logged(one), seq: before + n + 1 }));
   lines.push({ rec: "end", seq: before + kept.length, reason: "prefix", lost_records: 0 });
   return lines.map((line) => `${JSON.stringify(line)}\n`).join("");

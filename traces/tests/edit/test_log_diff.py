@@ -190,6 +190,15 @@ def test_the_station_that_differs_first_is_named(
     assert found.first == first
 
 
+def test_the_first_difference_may_be_an_event_that_only_b_has(tmp_path: Path) -> None:
+    one, two = of(PAIR)
+    less = edited(one, tmp_path / "a", lambda log: log.drop(log.find("indication")))
+    late = edited(two, tmp_path / "b", lambda log: log.drop(log.find("indication", 3)))
+    found = diff([less, two], [one, late])
+    assert [c.station for c in found.stations if c.difference] == [1001, 2002]
+    assert found.first == 1001
+
+
 def test_another_phase_after_the_same_is_a_difference_if_both_say_it(tmp_path: Path) -> None:
     def phase(log: Edited) -> None:
         record = log.at(log.find("command", name="accept"))

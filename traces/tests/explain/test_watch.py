@@ -80,6 +80,13 @@ def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> Non
     )
 
 
+def test_a_forged_message_is_found_where_the_logs_cannot_be_merged() -> None:
+    paths = [CORPUS / "pair/1001.ndjson", CORPUS / "bad/forged_content.ndjson"]
+    watch, reports = grown([*paths, CORPUS / "four-vehicles/4004.ndjson"])
+    (forged,) = (r for r in reports if r.fields.get("rule") == "forged")
+    assert (forged.what, forged.fields["line"], watch.exit_code) == ("verdict", 23, 1)
+
+
 def held(root: object) -> int:
     """The number of objects that an object holds, without modules, types and code."""
     seen: dict[int, object] = {}

@@ -16,19 +16,11 @@ from automcm_spec.log_format.reader import Log
 from automcm_spec.vocabulary.json_forms import input_of
 from automcm_spec.vocabulary.rules import kind
 from automcm_traces.export.itf import ItfState, from_itf
+from automcm_traces.system import properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import Hazard, hazard
 from automcm_traces.system.log_clocks import Span
 from automcm_traces.system.log_merge import merge
-from automcm_traces.system.properties import (
-    accepted,
-    acknowledged,
-    agreement,
-    commitment,
-    exclusive,
-    no_cross_effect,
-    one_session,
-)
 from automcm_traces.system.timeline import Moment, Session, Timeline, key_of
 from automcm_traces.system.world import World
 
@@ -134,14 +126,14 @@ def broken(findings: Iterable[Checked]) -> list[str]:
 
 
 ALL = {
-    "S-1": lambda b: one_session(b.lines),
-    "S-2": lambda b: commitment(b.lines),
-    "S-3": accepted,
-    "S-4": agreement,
+    "S-1": lambda b: properties.one_session(b.lines),
+    "S-2": lambda b: properties.commitment(b.lines),
+    "S-3": properties.accepted,
+    "S-4": properties.agreement,
     "S-5": lambda b: ((h.excused, h.fault) for h in b.hazards()),
-    "S-6": acknowledged,
-    "S-7": lambda b: no_cross_effect(b.lines),
-    "S-8": exclusive,
+    "S-6": properties.acknowledged,
+    "S-7": lambda b: properties.no_cross_effect(b.lines),
+    "S-8": properties.exclusive,
 }
 UNTIMED = {
     "no_busy_refusal": "S-1",
