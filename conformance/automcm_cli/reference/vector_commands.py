@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import (
-    Json,
-    code_3,
-    console_of,
-    example,
-    progress,
-    table_of,
-    unknown,
-    write_json,
-)
+from automcm_cli.shared import common
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,12 +16,12 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@app.command(epilog=example("vectors check --kernel collide"))
+@app.command(epilog=common.example("vectors check --kernel collide"))
 def check(
     kernel: Annotated[
         list[str] | None, typer.Option(help="Only this kernel, such as collide.  Repeatable.")
     ] = None,
-    json_: Json = None,
+    json_: common.Json = None,
 ) -> None:
     """Check the reference against the test vectors.
 
@@ -41,8 +32,8 @@ def check(
 
     for name in kernel or []:
         if name not in vectors.KERNELS:
-            raise typer.BadParameter(unknown(name, vectors.KERNELS, "kernel"))
-    with code_3("vectors", NotImplementedError, OSError), progress() as notify:
+            raise typer.BadParameter(common.unknown(name, vectors.KERNELS, "kernel"))
+    with common.code_3("vectors", NotImplementedError, OSError), common.progress() as notify:
         results = []
         for path in vectors.paths():
             if not kernel or path.stem in kernel:
@@ -51,8 +42,8 @@ def check(
         for name, why in not_supported(results).items():
             if name in (kernel or []):
                 raise NotImplementedError(f"{name}: not supported: {why}")
-    if write_json(json_, as_dict(results)):
-        show(results, console_of(200))
+    if common.write_json(json_, as_dict(results)):
+        show(results, common.console_of(200))
     raise typer.Exit(0 if all(result.ok for result in results) else 1)
 
 
@@ -75,7 +66,7 @@ def as_dict(results: list[Result]) -> dict[str, object]:
 
 def show(results: list[Result], console: Console) -> None:
     """A table by kernel, then each vector that fails."""
-    table = table_of("rule", "kernel", "vectors", "failed", words=2)
+    table = common.table_of("rule", "kernel", "vectors", "failed", words=2)
     for rule, kernel in dict.fromkeys((each.case.rule, each.case.kernel) for each in results):
         mine = [each for each in results if each.case.kernel == kernel and not each.not_supported]
         failed = sum(not each.ok for each in mine)

@@ -139,9 +139,9 @@ def replay_failure(file: Path, command: Sequence[str], limit_s: float) -> Replay
     what = "" if wrong is None else str(wrong)
     sent, stderr = wrong.steps if wrong else steps, getattr(wrong, "stderr", ())
     rule = about["rule"]
-    if f": {about['what']}".endswith(f": {what}"):
+    if f": {what};" in f": {about['what']};":
         what = about["what"] if verdict == "FAIL" else what  # with the defect of the message
-    elif wrong is not None:  # something else than in the file
+    elif isinstance(wrong, Mismatch):  # something else than in the file
         rule = sent[-1].expected.rule
     return ReplayedFailure(about["case"], rule, verdict, what, sent, stderr)
 

@@ -15,16 +15,8 @@ from typing import Literal
 from pydantic import ValidationError
 from pydantic_core import from_json, to_json
 
+from automcm_conformance.adapter import protocol
 from automcm_conformance.adapter.process import AdapterError, Process
-from automcm_conformance.adapter.protocol import (
-    COMMAND,
-    NEEDS,
-    SAY_HELLO,
-    HelloAnswer,
-    Object,
-    ProtocolError,
-    read_hello,
-)
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.replay.log_survey import Survey, require_replayable, survey
@@ -111,7 +103,7 @@ def replay(
     try:
         require_replayable(found)
         with Process(command, limit_s=limit_s) as process:
-            hello = read_hello(process.exchange([SAY_HELLO])[0])
+            hello = protocol.read_hello(process.exchange([protocol.SAY_HELLO])[0])
             run = _Run(found, process, hello, result, out, seed)
             run.play()
             if problem := process.stop():
@@ -123,7 +115,7 @@ def replay(
         result.guard, result.log_line = wrong.guard, wrong.at.line
     except CannotTell as error:
         result.verdict, result.event = "cannot_tell", str(error)
-    except (AdapterError, ProtocolError) as error:
+    except (AdapterError, protocol.ProtocolError) as error:
         result.verdict, result.event = "error", str(error)
         result.stderr = list(getattr(error, "stderr", ()))
     if run is not None:
@@ -142,7 +134,7 @@ class _Run:
         self,
         found: Survey,
         process: Process,
-        hello: HelloAnswer,
+        hello: protocol.HelloAnswer,
         result: Replayed,
         out: Path,
         seed: int,
@@ -209,7 +201,7 @@ class _Run:
 
     def _line(
         self, event: Receive | ApplicationCommand | Restart
-    ) -> tuple[Object, str | None] | None:
+    ) -> tuple[protocol.Object, str | None] | None:
         """The command for the adapter, and the base64 text for the log if a message is malformed.
 
         None if the adapter protocol cannot express the input.  Raises CannotTell.
@@ -228,21 +220,21 @@ class _Run:
         assert m is not None
         if problems(m):
             return {"cmd": "receive", "message": m}, base64.b64encode(to_json(m)).decode()
-        command: Object = {"cmd": "receive", "message": self._names.message(m)}
+        command: protocol.Object = {"cmd": "receive", "message": self._names.message(m)}
         if event.planned is not None:
             self._needs("receiver")
             command["planned"] = event.planned
         return command, None
 
-    def _command(self, event: ApplicationCommand) -> Object:
+    def _command(self, event: ApplicationCommand) -> protocol.Object:
         renamed = self._names.command(
             {"name": event.command.name, **(event.command.model_extra or {})}
         )
-        if need := NEEDS.get(event.command.name):
+        if need := protocol.NEEDS.get(event.command.name):
             self._needs(need)
         command = {"cmd": "command", "command": renamed}
         try:
-            COMMAND.validate_python({**command, "now": event.t_ms})
+            protocol.COMMAND.validate_python({**command, "now": event.t_ms})
         except ValidationError as error:
             place, problem = errors_of(error)[0]
             place = place.removeprefix(f"command.{renamed['name']}.")
@@ -269,7 +261,7 @@ class _Run:
             self._give(max(at, self._now), {"cmd": "advance"})
 
     def _give(
-        self, now: int, command: Object, tx: str | None = None, raw: str | None = None
+        self, now: int, command: protocol.Object, tx: str | None = None, raw: str | None = None
     ) -> None:
         self._now = now
         self.monitor.give(now, command, tx, raw)
@@ -286,7 +278,7 @@ class _Run:
                 self.monitor.set_backoff(ms)
 
 
-def _object(raw: str) -> Object | None:
+def _object(raw: str) -> protocol.Object | None:
     """The JSON object in these bytes, or None; None also for one that a line cannot contain."""
     try:
         value = from_json(base64.b64decode(raw, validate=True), allow_inf_nan=False)

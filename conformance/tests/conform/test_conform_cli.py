@@ -251,10 +251,11 @@ def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done, tmp_path: P
     assert again.exit_code == 1 and f"FAIL {CASE}" in again.output
     odd = "Intention with unknown 1: "
     assert odd in bad.out and f"END-5: {odd}" in again.output, "what is wrong with the message"
-    other = tmp_path / "other.json"  # of another failure
-    told = json.loads(file.read_text()) | {"rule": "NEG-4", "what": "phase"}
-    other.write_text(json.dumps(told))
-    assert "END-5: " in automcm("conform", "replay", other, "--", *CARELESS).output
+    other = tmp_path / "other.json"
+    told = json.loads(file.read_text())
+    for what, rule in (("phase", "END-5"), (f"{told['what']}; more", "NEG-4")):
+        other.write_text(json.dumps(told | {"rule": "NEG-4", "what": what}))
+        assert f"{rule}: " in automcm("conform", "replay", other, "--", *CARELESS).output
     right = automcm("conform", "replay", file, "--json", "-", "--", *REFERENCE)
     assert right.exit_code == 0
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}

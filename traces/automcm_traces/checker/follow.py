@@ -36,6 +36,9 @@ class Watcher:
     def event(self, line: int, event: Event, engine: Follower) -> None:
         """Called after each event."""
 
+    def skipped(self) -> None:
+        """Called instead after an event that is not judged, as the log begins in mid-session."""
+
     def step(self, step: InputStep, track: Track) -> None:
         """Called after each complete step."""
 
@@ -133,14 +136,14 @@ class Check:
             return
         if self.first_ms is None:
             self.first_ms = event.t_ms
-        if not self.events and self.log.mid_session and not self.judged_from:
+        if not self.events and self.log.mid_session:
             if not self._start.known_before(event):
-                return
+                return self._skip()
             self.judged_from, engine.since_ms = at, self._start.since_ms or 0
         self.events += 1
         self.recent.append((at, event))
         if self.judged_from and self._start.is_left_over(event, engine.timers):
-            return
+            return self._skip()
         try:
             engine.feed(at, event)
         except (Diverges, CannotTell) as error:
@@ -148,6 +151,10 @@ class Check:
             return
         for watch in self._of_events:
             watch(at, event, engine)
+
+    def _skip(self) -> None:
+        for watcher in self._watchers:
+            watcher.skipped()
 
     def end(self) -> None:
         """Take note that the log has no further event."""

@@ -163,10 +163,11 @@ def merge(logs: Sequence[Log]) -> Merged:
 def _repeated(merged: Merged) -> Iterator[str]:
     """A notice for each transmission that takes the ``tx`` of another."""
     for i, ledger in enumerate(merged.matches.ledgers):
-        first: dict[tuple[int, int], int] = {}
+        first: dict[int, int] = {}
         for k in ledger.sent.at:
             event = merged.event((i, k))
             assert isinstance(event, Send), "a ledger's sent messages"
-            if (was := first.setdefault(transmission(event.tx), k)) != k:
+            station, number = transmission(event.tx)
+            if (was := first.setdefault(station << 64 | number, k)) != k:
                 repeats = f"tx {event.tx} repeats {merged.where((i, was))}"
                 yield f"{merged.where((i, k))}: {repeats}"

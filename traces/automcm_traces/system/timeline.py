@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
+from automcm_spec.log_format.event_text import plain
 from automcm_spec.log_format.log import (
     Event,
     ForgetTimer,
@@ -124,7 +125,7 @@ class Timeline:
 def key_of(message: Fields) -> str:
     """The key of a reliable message at its sender: addressee, session, type and seq."""
     m = message
-    return f"{m['type']} seq={m['seq']} session={m.get('session')} to {m.get('dst')}"
+    return f"{m['type']} seq={m['seq']} session={plain(m.get('session'))} to {m.get('dst')}"
 
 
 def timeline(log: Log) -> Timeline:
@@ -156,6 +157,10 @@ class Recorder(Watcher):
         self._input = self._at if event.is_input else self._input
         if isinstance(event, TimerArm):
             self._deadlines[event.timer] = event.deadline
+
+    def skipped(self) -> None:
+        """Count an event that is not judged."""
+        self._at += 1
 
     def step(self, step: InputStep, track: Track) -> None:
         """Add a moment, unless a CAM has come that changes nothing: most of a log."""

@@ -17,10 +17,12 @@ from automcm_maintenance.corpus.corpus_bad import renumber
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.log import Header, Receive, Restart, Send
+from automcm_spec.log_format.reader import read
 from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.log_start import LogStart, remembered_for
 from automcm_traces.explain.explain import Verdict, text, verdict_of
 from automcm_traces.explain.lint import level, lint
+from automcm_traces.system.timeline import timeline
 
 Json = Any
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
@@ -64,6 +66,15 @@ def two_sessions(folder: Path, seed: int) -> list[list[Json]]:
         simulation.restart(2002, at=chance.randrange(600, 5000))
     simulation.run(until=15_000)
     return [records(path) for path in sorted(folder.iterdir())]
+
+
+def test_a_moment_names_its_event_in_a_log_that_was_cut(tmp_path: Path) -> None:
+    """Its station restarts, and timers of before are stopped."""
+    lines = two_sessions(tmp_path / "run", 8)[1]
+    assert judged(tmp_path, lines, 4, marked=True).judged_from > 2
+    log = read(tmp_path / "cut.ndjson")
+    moments = timeline(log).moments
+    assert len(moments) > 9 and all(log.events[m.at][0] == m.line for m in moments)
 
 
 @pytest.mark.sweep(1)
