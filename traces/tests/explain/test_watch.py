@@ -13,13 +13,7 @@ import pytest
 from merged_runs import simulated
 
 from automcm_spec.log_format.growing_file import GrowingFile, LineBuffer
-from automcm_traces.explain.explain import (
-    exit_code,
-    judged_log,
-    verdict_of,
-    verdicts,
-    verdicts_together,
-)
+from automcm_traces.explain import explain
 from automcm_traces.explain.watch import Watch, WatchReport
 
 CORPUS = Path(__file__).parents[2] / "corpus"
@@ -54,9 +48,9 @@ def test_the_verdict_on_a_log_that_grows_is_that_of_explain(case: dict[str, Any]
     path = CORPUS / case["file"]
     watch, reports = grown([path])
     (verdict,) = watch.verdicts
-    expected = verdict_of(path)
+    expected = explain.verdict_of(path)
     assert (verdict.verdict, verdict.finding) == (expected.verdict, expected.finding)
-    assert watch.exit_code == exit_code([expected])
+    assert watch.exit_code == explain.exit_code([expected])
     assert [r.fields["line"] for r in reports if r.what == "verdict"] == [verdict.finding.at.line]
     assert verdict.sessions == expected.sessions[-10:]
 
@@ -73,10 +67,12 @@ def several() -> Iterator[list[Path]]:
 def test_several_logs_are_judged_together_at_their_end(paths: list[Path]) -> None:
     watch, reports = grown(paths)
     assert [r.what for r in reports].count("together") == 1 and reports[-1].what == "together"
-    found = [judged_log(path) for path in paths]
-    assert reports[-1].fields == verdicts_together(found)[1].as_dict()
+    found = [explain.judged_log(path) for path in paths]
+    assert reports[-1].fields == explain.verdicts_together(found)[1].as_dict()
     assert watch.exit_code == (
-        1 if verdicts_together(found)[1].verdict == "violated" else exit_code(verdicts(found))
+        1
+        if explain.verdicts_together(found)[1].verdict == "violated"
+        else explain.exit_code(explain.verdicts(found))
     )
 
 
