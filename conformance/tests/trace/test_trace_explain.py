@@ -32,7 +32,7 @@ def test_a_divergence_is_exit_1_and_leaves_its_prefix(wrong: Path, tmp_path: Pat
     code, told = explained(wrong, "--out", tmp_path / "out")
     assert code == 1
     asked = {"verdict", "file", "line", "event", "rule", "expected", "guard", "possible_states"}
-    assert asked <= told.keys()
+    assert asked <= told.keys() and told["number_of_sessions"] == len(told["sessions"]) == 1
     assert (told["verdict"], told["rule"]) == ("diverges", "NEG-2")
     assert "OnAccept" in told["guard"] and told["possible_states"] == 1 and told["of_last_input"]
     prefix = Path(told["prefix"])

@@ -158,6 +158,7 @@ class Verdict:
             "only_if": [supposition._asdict() for supposition in self.only_if],
             "events": self.events,
             "sessions": list(map(asdict, self.sessions)),
+            "number_of_sessions": self.number_of_sessions,
             "unobserved": list(self.unobserved),
             "warnings": list(self.warnings),
         }
