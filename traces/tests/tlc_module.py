@@ -25,17 +25,9 @@ from automcm_spec.log_format.log import (
     problems,
 )
 from automcm_spec.log_format.reader import Log
+from automcm_spec.vocabulary import parameters
 from automcm_spec.vocabulary.application import Indication, names
 from automcm_spec.vocabulary.messages import CancelReason, MessageType, RefusalReason
-from automcm_spec.vocabulary.parameters import (
-    ADVERTISED_RANK,
-    DEFAULTS,
-    LIMITS,
-    TIMERS,
-    cam_lead,
-    durations,
-    lease_lasts,
-)
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.compared import told
 from automcm_traces.checker.track import CONTENT, PHASES, ROLES
@@ -56,7 +48,9 @@ class TooLarge(Exception):
 def limits(log: Log) -> tuple[int, ...]:
     """max_rounds, max_participants, outbox_limit and memory_limit: the constants of Station.tla."""
     known = log.header.known
-    return tuple(min(known.get(name, DEFAULTS[name]), LARGEST) for name in LIMITS)
+    return tuple(
+        min(known.get(name, parameters.DEFAULTS[name]), LARGEST) for name in parameters.LIMITS
+    )
 
 
 def module(name: str, logs: Sequence[str]) -> str:
@@ -108,8 +102,8 @@ class Translation:
         header = self._log.header
         late = header.longest_delay if late_ms is None else late_ms
         drift = header.known.get("clock_drift", 0)
-        lasts = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
-        ranks = (f"{name} |-> {row.rank}" for name, row in TIMERS.items())
+        lasts = (f"{n} |-> {_clamped(ms)}" for n, ms in parameters.durations(header.known).items())
+        ranks = (f"{name} |-> {row.rank}" for name, row in parameters.TIMERS.items())
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
         statements = ",".join(str(self._statement(event)) for _, event in self._log.events)
         complete = ", ".join(f'"{kind}"' for kind in header.complete)
@@ -117,8 +111,9 @@ class Translation:
             f"[ me |-> 1, ended |-> {_bool(self._log.ended)}, complete |-> {{{complete}}},\n"
             f"largest |-> {LARGEST},\n"
             f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(lasts)}],\n"
-            f"rank |-> [{', '.join(ranks)}, advertised |-> {ADVERTISED_RANK}],\n"
-            f"drift |-> {drift}, slack |-> {_clamped(cam_lead(drift, header.t_resend, 0))},\n"
+            f"rank |-> [{', '.join(ranks)}, advertised |-> {parameters.ADVERTISED_RANK}],\n"
+            f"drift |-> {drift}, "
+            f"slack |-> {_clamped(parameters.cam_lead(drift, header.t_resend, 0))},\n"
             f"messages |-> <<{_table(self._messages)}>>,\n"
             f"timers |-> <<{_table(self._timers)}>>,\n"
             f"said |-> <<{_table(self._statements)}>>,\nsays |-> <<{statements}>>,\n"
@@ -226,7 +221,9 @@ class Translation:
         lease_ms: Json = given.get("lease_ms")
         drift = self._log.header.known.get("clock_drift", 0)
         return _clamped(
-            lease_lasts(drift, "prescriber", int(lease_ms)) if _is_int(lease_ms) else lease_ms
+            parameters.lease_lasts(drift, "prescriber", int(lease_ms))
+            if _is_int(lease_ms)
+            else lease_ms
         )
 
     def _timer(self, timer: Timer) -> int:
@@ -347,7 +344,7 @@ def _generations(log: Log) -> dict[int, int]:
         return {}
     span = log.events[-1][1].t_ms - log.events[0][1].t_ms
     known = log.header.known
-    most = 1 + cam_lead(known.get("clock_drift", 0), log.header.t_resend, span)
+    most = 1 + parameters.cam_lead(known.get("clock_drift", 0), log.header.t_resend, span)
     before, *later = sorted(times)
     numbers = {before: 1}
     for t in later:

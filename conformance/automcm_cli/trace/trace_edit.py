@@ -160,7 +160,7 @@ def export(
 
 
 def itf(
-    file: Annotated[Path, typer.Argument(help="A counterexample in ITF, or a log (.ndjson).")],
+    file: Annotated[Path, typer.Argument(help="A counterexample in ITF, or a log.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("."),
     json_: Json = None,
 ) -> None:
@@ -173,8 +173,16 @@ def itf(
     if file.is_dir():
         say(f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True)
         raise typer.Exit(3)
-    make = _logs_of if file.name.endswith(".json") else _itf_of
+    make = _itf_of if _is_log(file) else _logs_of
     _write("itf", lambda: make(file), out, json_, read=[file])
+
+
+def _is_log(file: Path) -> bool:
+    """Whether the name of a file, or else its first line, is that of a log."""
+    if file.suffix == ".ndjson" or not file.is_file():
+        return file.suffix == ".ndjson"
+    with code_3("itf", OSError), file.open("rb") as lines:
+        return b'"rec"' in lines.readline(200)
 
 
 def _write(
@@ -220,6 +228,7 @@ def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[
     from automcm_traces.export.svg_drawing import drawing
     from automcm_traces.system.log_merge import merge
 
+    paths = list(dict.fromkeys(paths))
     if to == "itf":
         return _itf_of(*paths)
     if to == "svg":

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import (
-    Json,
-    Late,
-    code_3,
-    progress,
-    say,
-    say_lines,
-    two_numbers,
-    write_json,
-)
+from automcm_cli.shared import common
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput, SpooledInput
 
@@ -39,7 +31,7 @@ def files_of(command: str, logs: list[Path], *written: Path | None) -> list[Path
     """
     from automcm_spec.log_format.reader import logs_below
 
-    with code_3(command, BadInput, OSError):
+    with common.code_3(command, BadInput, OSError):
         found = logs_below([_kept(log) for log in logs])
     for path in filter(None, written):
         refuse_given(path, found)
@@ -48,7 +40,7 @@ def files_of(command: str, logs: list[Path], *written: Path | None) -> list[Path
 
 def refuse_given(path: Path, given: Iterable[Path]) -> None:
     """Raises typer.BadParameter if writing this file would overwrite a given one."""
-    if path.resolve() in {other.resolve() for other in given}:
+    if realpath(path) in set(map(realpath, given)):
         raise typer.BadParameter(f"{path} is an input and would be overwritten; choose another")
 
 
@@ -77,7 +69,7 @@ def lint(
     most: Annotated[
         int, typer.Option(help="Maximum findings to report for each file (0 = all).", min=0)
     ] = 100,
-    json_: Json = None,
+    json_: common.Json = None,
 ) -> None:
     """Check files against the log format.
 
@@ -90,9 +82,9 @@ def lint(
     for path in files_of("lint", logs, json_):
         reports.append(lint_.report(path, most))
         if str(json_) != "-":
-            say_lines(lint_.text(reports[-1]))
+            common.say_lines(lint_.text(reports[-1]))
     code = lint_.exit_code(reports)
-    write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
+    common.write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
     raise typer.Exit(code)
 
 
@@ -132,7 +124,7 @@ def show(
     all_: Annotated[
         bool, typer.Option("--all", help="Show every copy of a message as a row of its own.")
     ] = False,
-    json_: Json = None,
+    json_: common.Json = None,
 ) -> None:
     """Show logs as a table of events.
 
@@ -148,7 +140,7 @@ def show(
 
     wanted = show_.Filter(
         stations=frozenset(station or ()),
-        session=two_numbers(session, "/", "a session, such as 1001/1", "--session")
+        session=common.two_numbers(session, "/", "a session, such as 1001/1", "--session")
         if session
         else None,
         types=frozenset(type_ or ()),
@@ -156,21 +148,21 @@ def show(
         timers=timers,
         from_line=from_line,
     )
-    with code_3("show", BadInput):
+    with common.code_3("show", BadInput):
         paths = files_of("show", logs, json_)
         together = show_.Logs(paths)
     for warning in together.warnings:
-        say(f"show: warning: {warning}", err=True)
+        common.say(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
-        say(f"show: warning: no log of station {missing}", err=True)
+        common.say(f"show: warning: no log of station {missing}", err=True)
     shown = together.filtered(wanted, last)
     if json_ is not None:
-        write_json(json_, {"rows": [row.as_dict() for row in shown]})
+        common.write_json(json_, {"rows": [row.as_dict() for row in shown]})
     else:
         stations = sorted(wanted.stations & {*together.stations}) or together.stations
         _print(shown, stations, width, paths, absolute, all_)
         if wanted.hidden_cams:
-            say(f"CAMs not shown: {wanted.hidden_cams} (--cams shows them)")
+            common.say(f"CAMs not shown: {wanted.hidden_cams} (--cams shows them)")
     raise typer.Exit(0 if together.good else 3)
 
 
@@ -201,7 +193,7 @@ def _print(
         if console.is_terminal and not console.no_color:
             console.print(Text(line, STYLES[kind]), soft_wrap=True)
         else:
-            say(line)
+            common.say(line)
 
     for line in table.head():
         put("note", line)
@@ -220,8 +212,8 @@ def coverage(
         Path | None,
         typer.Option(help="File for a page: the text of Station.tla, lines taken green and red."),
     ] = None,
-    late: Late = None,
-    json_: Json = None,
+    late: common.Late = None,
+    json_: common.Json = None,
 ) -> None:
     """Measure which parts of the specification the logs cover.
 
@@ -232,17 +224,17 @@ def coverage(
     from automcm_traces.explain import coverage as coverage_
 
     paths = files_of("coverage", logs, json_, out)
-    with progress() as status:
+    with common.progress() as status:
         found = coverage_.measure(_with_progress(paths, status), late)
     if out is not None:
         from automcm_traces.explain.coverage_page import page
 
-        with code_3("coverage", OSError):
+        with common.code_3("coverage", OSError):
             files.folder(out.parent, named=True)
             files.write(out, page(found), named=True)
-    if write_json(json_, found.as_dict()):
+    if common.write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
-            say(line)
+            common.say(line)
     raise typer.Exit(coverage_.exit_code(found))
 
 

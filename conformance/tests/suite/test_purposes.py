@@ -13,49 +13,41 @@ import pytest
 from suite_stage import graph
 
 from automcm_conformance.adapter.protocol import ROOM
-from automcm_conformance.suite.purposes import (
-    FEATURES,
-    Features,
-    Owners,
-    Purpose,
-    features,
-    load,
-    select,
-)
+from automcm_conformance.suite import purposes
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Receive
 
-PURPOSES = load()
+PURPOSES = purposes.load()
 SELECTED = [purpose for purpose in PURPOSES if purpose.select is not None]
 ID = r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
 
 
 @cache
-def pairs(every: int = 3) -> Counter[Features]:
+def pairs(every: int = 3) -> Counter[purposes.Features]:
     """The features of all pairs of each third state of ``one-peer``, and of MEM-1 in ``tight``."""
-    found: Counter[Features] = Counter()
+    found: Counter[purposes.Features] = Counter()
     for path, only in ((ONE_PEER.path, ""), (TIGHT.path, "MEM-1")):
         for s, state in list(enumerate(graph(path).states))[:: 1 if only else every]:
             for a in graph(path).answers(s):
                 if not only or a.effect.rule == only:
                     i = graph(path).inputs[a.input]
-                    found[features(state, i, a.effect, a.changes, False)] += 1
+                    found[purposes.features(state, i, a.effect, a.changes, False)] += 1
     return found
 
 
-def pairs_of_two_peers(every: int = 1) -> Iterator[Features]:
+def pairs_of_two_peers(every: int = 1) -> Iterator[purposes.Features]:
     """The features of the pairs of some states of ``two-peers``."""
     two = graph(TWO_PEERS.path)
     for s, state in list(enumerate(two.states))[::every]:
         for a in two.answers(s):
             i = two.inputs[a.input]
             third = isinstance(i, Receive) and i.message.src != state.session[0]
-            yield features(state, i, a.effect, a.changes, third)
+            yield purposes.features(state, i, a.effect, a.changes, third)
 
 
 @cache
-def owners(row: Features) -> list[Purpose]:
+def owners(row: purposes.Features) -> list[purposes.Purpose]:
     return [purpose for purpose in SELECTED if purpose.matches(row)]
 
 
@@ -68,7 +60,7 @@ def test_every_pair_has_exactly_one_owner(every: int) -> None:
 
 def test_the_kind_of_a_purpose_is_that_of_its_pairs() -> None:
     for row in pairs():
-        pair = dict(zip(FEATURES, row, strict=True))
+        pair = dict(zip(purposes.FEATURES, row, strict=True))
         kind = "BV" if pair["changes"] else "BI"
         if pair["input"].startswith("expire"):
             kind = "TI"
@@ -87,19 +79,19 @@ def test_every_selector_owns_a_pair() -> None:
 
 
 def test_memory_gives_what_the_selectors_give() -> None:
-    memory = Owners(PURPOSES)
+    memory = purposes.Owners(PURPOSES)
     one = graph(ONE_PEER.path)
     for s in range(0, len(one.states), 50):
         for a in one.answers(s):
             pair = one.states[s], one.inputs[a.input], a.effect, a.changes
-            assert [memory.owner(*pair)] == owners(features(*pair, False))
+            assert [memory.owner(*pair)] == owners(purposes.features(*pair, False))
 
 
 def test_no_owner() -> None:
     one = graph(ONE_PEER.path)
     answer = next(one.answers(0))
     pair = one.states[0], one.inputs[answer.input], answer.effect, answer.changes
-    assert Owners([]).owner(*pair) is None
+    assert purposes.Owners([]).owner(*pair) is None
 
 
 def test_the_role_of_an_id_is_that_of_the_states() -> None:
@@ -107,7 +99,7 @@ def test_the_role_of_an_id_is_that_of_the_states() -> None:
     for row in pairs():
         for purpose in owners(row):
             wanted = roles.get(purpose.id.split("/")[1])
-            assert wanted is None or row[FEATURES.index("role")] in wanted, purpose.id
+            assert wanted is None or row[purposes.FEATURES.index("role")] in wanted, purpose.id
 
 
 def test_every_rule_has_a_purpose() -> None:
@@ -123,7 +115,9 @@ def test_the_first_rule_decides() -> None:
 def test_every_value_of_a_selector_is_that_of_a_pair() -> None:
     rows = [*pairs(), *pairs_of_two_peers(40)]
     found = {
-        (row[0], name, value) for row in rows for name, value in zip(FEATURES, row, strict=True)
+        (row[0], name, value)
+        for row in rows
+        for name, value in zip(purposes.FEATURES, row, strict=True)
     }
     for purpose in SELECTED:
         assert purpose.select is not None
@@ -139,7 +133,7 @@ def test_the_head_of_a_purpose() -> None:
         texts = purpose.given, purpose.when, purpose.then, purpose.bug, purpose.cost
         assert all(text.strip() for text in texts), purpose.id
         assert bool(purpose.select) != bool(purpose.case.strip()), purpose.id
-        assert set(purpose.select or ()) <= set(FEATURES), purpose.id
+        assert set(purpose.select or ()) <= set(purposes.FEATURES), purpose.id
     assert len({purpose.id for purpose in PURPOSES}) == len(PURPOSES)
     assert len({purpose.case for purpose in PURPOSES}) == len(PURPOSES) - len(SELECTED) + 1
 
@@ -167,7 +161,7 @@ def test_room_is_that_of_the_graphs(path: Path) -> None:
     ],
 )
 def test_select(selectors: list[str], wanted: Any) -> None:
-    chosen = select(PURPOSES, selectors)
+    chosen = purposes.select(PURPOSES, selectors)
     assert chosen == [p for p in PURPOSES if wanted(p)] and chosen
 
 
@@ -185,4 +179,4 @@ def test_select(selectors: list[str], wanted: Any) -> None:
 def test_an_unknown_selector_is_refused(selector: str, near: str) -> None:
     said = f"{selector}: no case has .*" + (f"; near ones: .*{near}" if near else "name$")
     with pytest.raises(ValueError, match=said):
-        select(PURPOSES, ["MUST", selector])
+        purposes.select(PURPOSES, ["MUST", selector])

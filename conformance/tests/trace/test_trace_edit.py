@@ -98,18 +98,20 @@ def test_export_writes_what_other_tools_read(tmp_path: Path) -> None:
 
 
 def test_a_log_of_any_name_becomes_itf(tmp_path: Path) -> None:
-    (tmp_path / "a.log").write_bytes(PAIR[0].read_bytes())
-    assert automcm("trace", "itf", tmp_path / "a.log", "--out", tmp_path).exit_code == 0
-    assert (tmp_path / "a.itf.json").stat().st_size > 1000
+    for name in ("a.log", "a.json"):
+        (tmp_path / name).write_bytes(PAIR[0].read_bytes())
+        assert automcm("trace", "itf", tmp_path / name, "--out", tmp_path / name[2:]).exit_code == 0
+        assert (tmp_path / name[2:] / "a.itf.json").stat().st_size > 1000
 
 
 def test_export_to_mcap_and_back(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     assert automcm("trace", "export", *PAIR, "--to", "mcap", "--out", tmp_path).exit_code == 0
     back = ["--to", "logs", "--out", tmp_path]
-    assert automcm("trace", "export", tmp_path / "1001.mcap", *back).exit_code == 0
+    file = tmp_path / "1001.mcap"
+    assert automcm("trace", "export", file, file, *back).exit_code == 0
     assert (tmp_path / "2002.ndjson").read_bytes() == PAIR[1].read_bytes()
     other = ["trace", "export", CORPUS / "four-vehicles/1001.ndjson", "--out", tmp_path / "b"]
     assert automcm(*other, "--to", "mcap").exit_code == 0
-    answer = automcm("trace", "export", tmp_path / "1001.mcap", tmp_path / "b/1001.mcap", *back)
+    answer = automcm("trace", "export", file, tmp_path / "b/1001.mcap", *back)
     assert answer.exit_code == 2 and "named 1001.ndjson" in " ".join(answer.output.split())

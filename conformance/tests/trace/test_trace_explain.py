@@ -71,7 +71,8 @@ def test_a_prefix_does_not_overwrite_a_log_that_is_given(wrong: Path, tmp_path: 
     (log,) = explained(wrong, wrong, "--out", tmp_path)[1]["logs"][:1]
     given = Path(log["prefix"])
     given.write_bytes(Path(LOGS[0]).read_bytes())
-    explained(wrong, given, "--out", tmp_path / "." / ".." / tmp_path.name)
+    (tmp_path / "loop").symlink_to("loop")
+    explained(wrong, given, tmp_path / "loop", "--out", tmp_path / ".." / tmp_path.name)
     assert given.read_bytes() == Path(LOGS[0]).read_bytes()
 
 

@@ -8,15 +8,7 @@ from typing import Any
 import pytest
 
 from automcm_evaluation.framework.experiment import Cell
-from automcm_evaluation.loss import loss_sessions
-from automcm_evaluation.loss.loss_tables import (
-    T_TIMEOUTS,
-    classes,
-    eq2,
-    four_messages,
-    one_message,
-    three_exchanges,
-)
+from automcm_evaluation.loss import loss_sessions, loss_tables
 from automcm_simulation.road.simulation import Simulation
 
 Json = Any
@@ -35,13 +27,17 @@ def test_a_session_without_loss_takes_the_window_and_what_is_sent_in_it() -> Non
 
 
 def test_models_at_their_ends() -> None:
-    for t in T_TIMEOUTS:
-        for model in (one_message, three_exchanges, four_messages):
+    for t in loss_tables.T_TIMEOUTS:
+        for model in (
+            loss_tables.one_message,
+            loss_tables.three_exchanges,
+            loss_tables.four_messages,
+        ):
             assert model(0, t) == 1 and model(1, t) == 0
-    assert [eq2(x, 0) for x in (0, 0.5, 1)] == [0, 0, 0], "as printed"
-    assert eq2(0.5, 1000) == 1 - 0.5**10
-    assert four_messages(0.1, 0) == pytest.approx(0.9**4)
-    assert three_exchanges(0.1, 0) == pytest.approx(0.81**3)
+    assert [loss_tables.eq2(x, 0) for x in (0, 0.5, 1)] == [0, 0, 0], "as printed"
+    assert loss_tables.eq2(0.5, 1000) == 1 - 0.5**10
+    assert loss_tables.four_messages(0.1, 0) == pytest.approx(0.9**4)
+    assert loss_tables.three_exchanges(0.1, 0) == pytest.approx(0.81**3)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
@@ -54,7 +50,7 @@ def test_four_messages_by_counting(n: int) -> None:
         back = there is not None and any(second[: n - there])
         if back:
             pair += (1 - loss) ** sum(ways) * loss ** (2 * n - sum(ways))
-    assert four_messages(loss, (n - 1) * 100) == pytest.approx(pair**2)
+    assert loss_tables.four_messages(loss, (n - 1) * 100) == pytest.approx(pair**2)
 
 
 # -- the road
@@ -66,4 +62,4 @@ def test_four_messages_by_counting(n: int) -> None:
 def test_a_class_of_fig_9_ends_with_its_limit() -> None:
     result = {n: [0] * 5 for n in ("agreed", "completed", "stopped")}
     cell = Cell({}, result | {"arrival_s": [29.0, 29.001, 30.0, 31.0, 31.001]})
-    assert classes([cell])["classes"] == [1, 2, 1, 1]
+    assert loss_tables.classes([cell])["classes"] == [1, 2, 1, 1]

@@ -138,20 +138,20 @@ class _Counter(Watcher):
     def __init__(self, coverage: LogCoverage) -> None:
         self._c = coverage
         self._before = INITIAL
-        self._events = 0
+        self._line = 0
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
+        self._line = line
         self._message(event)
         if isinstance(event, Send) and event.is_cam:
             self._c.count(engine.track, engine.track.state, None)
 
     def ended(self, check: Check) -> None:
         self._c.events += check.events
-        if check.events > self._events:  # the event that was not allowed
+        if check.line > self._line:  # the event that was not allowed
             self._message(check.recent[-1][1])
 
     def _message(self, event: Event) -> None:
-        self._events += 1
         if isinstance(event, Send):
             self._c.counts["sent"][str(event.message["type"])] += 1
         elif isinstance(event, Receive) and event.message is not None:

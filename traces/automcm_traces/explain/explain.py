@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
+from os.path import realpath
 from pathlib import Path
 
 from pydantic_core import to_json
@@ -440,7 +441,7 @@ def prefix(
     """Write the part of the log up to the divergence as a log of its own, which has the same
     verdict.
 
-    Its name is not one of ``taken``. ``log`` is the file to read, if it is not the one that the
+    It is none of the files ``taken``. ``log`` is the file to read, if it is not the one that the
     verdict names. Raises OSError.
     """
     lines = max(verdict.seen, verdict.finding.at.line)
@@ -448,8 +449,8 @@ def prefix(
     log = Path(verdict.file) if log is None else log
     name = f"{log.stem}-{verdict.finding.at.line}"
     path, n = folder / f"{name}.ndjson", 1
-    others = {other.resolve() for other in taken}
-    while path.resolve() in others:
+    others = set(map(realpath, taken))
+    while realpath(path) in others:
         n += 1
         path = folder / f"{name}-{n}.ndjson"
     with open(log, "rb") as stream:

@@ -134,10 +134,11 @@ class Watch:
         reports += self._over()
         if len(self._paths) > 1:
             found = explain.judged_logs(list(self._paths), self._late_ms)
-            self.verdicts, self._together = explain.verdicts_together(found)
+            again, self._together = explain.verdicts_together(found)
             start_ms = self._start_ms
-            for v in self.verdicts:
+            for v in again:
                 if v.finding.kind == "forged":
+                    self.verdicts.append(v)
                     reports.append(WatchReport("verdict", explain.text(v, start_ms), v.as_dict()))
             text = self._together.text(start_ms)
             reports.append(WatchReport("together", text, self._together.as_dict()))

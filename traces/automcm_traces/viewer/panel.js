@@ -64,7 +64,7 @@ function verdictOf(run, v) {
   return el("div", { class: "verdict" },
     el("p", {}, badge(v.verdict), " ", row === undefined ? where : link(row, where)),
     definitions(terms),
-    v.sessions.length ? folded(`${v.number_of_sessions} session${v.number_of_sessions > 1 ? "s" : ""}`, false, el("ul", {}, v.sessions.map(sessionOf))) : "");
+    v.sessions.length ? folded(`${v.number_of_sessions} session${v.number_of_sessions > 1 ? "s" : ""}${v.number_of_sessions > v.sessions.length ? `, the last ${v.sessions.length}` : ""}`, false, el("ul", {}, v.sessions.map(sessionOf))) : "");
 }
 
 const sessionOf = (s) => el("li", {}, `${s.session.join("/")} as ${s.role}: ${s.phases.join(" › ")}`

@@ -83,6 +83,16 @@ def test_a_forged_message_is_found_where_the_logs_cannot_be_merged() -> None:
     assert (forged.what, forged.fields["line"], watch.exit_code) == ("verdict", 23, 1)
 
 
+def test_a_divergence_counts_although_the_file_is_another_now(tmp_path: Path) -> None:
+    path, good = tmp_path / "1001.ndjson", CORPUS / "pair/1001.ndjson"
+    path.write_bytes(good.read_bytes())
+    watch, buffers = Watch(), (LineBuffer(), LineBuffer())
+    for each, buffer in zip((path, CORPUS / "pair/2002.ndjson"), buffers, strict=True):
+        watch.add(each, buffer)
+    buffers[0].put((CORPUS / "bad/ack_missing.ndjson").read_bytes())
+    assert watch.finish() and watch.exit_code == 1
+
+
 def held(root: object) -> int:
     """The number of objects that an object holds, without modules, types and code."""
     seen: dict[int, object] = {}

@@ -15,15 +15,8 @@ from merged_runs import Run, plain, records, rewritten
 from automcm_simulation.road.simulation import Simulation
 from automcm_simulation.road.straight_lane import Straight
 from automcm_spec.log_format.reader import Log, read
+from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Abort
-from automcm_spec.vocabulary.messages import (
-    Acceptance,
-    Ack,
-    Message,
-    MessageId,
-    Prescription,
-    encode,
-)
 from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, derived
 from automcm_traces.system import duration_properties
 from automcm_traces.system.log_merge import merge
@@ -44,14 +37,14 @@ def judged(report: SystemReport, name: str) -> str:
     return "\n".join(j.text() for j in report.properties if j.property == name)
 
 
-def heard(run: Run, station: int, message: Message, at: int) -> None:
+def heard(run: Run, station: int, message: messages.Message, at: int) -> None:
     """A station receives, at a time, what nobody has sent."""
     service = run.simulation.services[station]
-    run.simulation.clock.at(at, lambda: service.receive(encode(message)) and None)
+    run.simulation.clock.at(at, lambda: service.receive(messages.encode(message)) and None)
 
 
-def prescription(dst: int, proposal: int, lease_ms: int = 20_000) -> Prescription:
-    return Prescription(
+def prescription(dst: int, proposal: int, lease_ms: int = 20_000) -> messages.Prescription:
+    return messages.Prescription(
         src=1,
         dst=dst,
         session=(1, 1),
@@ -63,8 +56,8 @@ def prescription(dst: int, proposal: int, lease_ms: int = 20_000) -> Prescriptio
     )
 
 
-def acceptance() -> Acceptance:
-    return Acceptance(
+def acceptance() -> messages.Acceptance:
+    return messages.Acceptance(
         src=2, dst=1, session=(1, 1), seq=9, proposal=1, accepted=True, selected=TRAJECTORY
     )
 
@@ -127,7 +120,9 @@ def test_s_4_one_after_the_other_is_no_breach(tmp_path: Path) -> None:
 
 def test_s_6_an_ack_of_what_was_never_received(tmp_path: Path) -> None:
     run = Run(tmp_path, drop=deaf)
-    ack = Ack(src=2, dst=1, session=(1, 1), seq=0, of=MessageId(type="Prescription", seq=2))
+    ack = messages.Ack(
+        src=2, dst=1, session=(1, 1), seq=0, of=messages.MessageId(type="Prescription", seq=2)
+    )
     heard(run, 1, ack, at=2900)
     report = judge(run.logs())
     assert broken(report) == {"S-6"} and "Prescription seq=2" in judged(report, "S-6")
