@@ -168,7 +168,7 @@ def _verdict(log: Log, answer: Json) -> Verdict:
     if what == "ALLOWED":
         return Verdict(log.file, header=log.header, events=len(log.events))
     event = dict(log.events).get(line)
-    if rule == "ACT-5" and isinstance(event, Send) and problems(event.message):
+    if rule == "ACT-5" and isinstance(event, Send) and event.is_cam and problems(event.message):
         rule = "END-5"  # TraceCheck.tla has no malformed CAM: it is one of no station
     found = Finding("unexpected", rule, "", Where(log.file, line))
     return Verdict(log.file, found, header=log.header, events=len(log.events))
