@@ -37,7 +37,7 @@ class Watcher:
         """Called after each event."""
 
     def skipped(self) -> None:
-        """Called instead after an event that is not judged, as the log begins in mid-session."""
+        """Called instead of ``event`` where a log in mid-session cannot be judged yet."""
 
     def step(self, step: InputStep, track: Track) -> None:
         """Called after each complete step."""

@@ -250,8 +250,9 @@ CAUSES: Final[Mapping[str, tuple[Cause, str]]] = {
     "malformed": ("malformed", "do they sign their messages, with the same codec?"),
     "over_budget": ("other", ""),
 }
-"""By reason, with a question that hints at why it comes about. Of the reasons of one cause, the
-first one explains the others: a signer is unknown because its certificate was not accepted."""
+"""By reason (docs/secured.md), with a question that hints at why it comes about. Of the reasons of
+one cause, the first one explains the others: a signer is unknown because its certificate was not
+accepted. Other reasons keep their names and mean ``other``."""
 LEAST: Final = 3
 """The minimum number of rejected messages of a station for a hint."""
 MOST: Final = 100
